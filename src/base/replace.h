@@ -4,15 +4,8 @@
 
 #include <limits.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Create an empty file in the target's folder with a unique name, open for writing. Return its descriptor, or -1 with
  * errno. temporary: out: its name; the caller renames it to the target, or unlinks it. */
 int pliant_open_temporary(const char *target, char temporary[PATH_MAX]);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

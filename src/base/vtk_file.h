@@ -4,10 +4,6 @@
 
 #include "pliant/status.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef enum vtk_type { VTK_UINT8, VTK_UINT16, VTK_INT32, VTK_FLOAT32, VTK_FLOAT64 } vtk_type;
 typedef enum vtk_section { VTK_POINTS, VTK_CELLS, VTK_POINT_DATA, VTK_CELL_DATA } vtk_section;
 
@@ -28,7 +24,4 @@ typedef struct vtk_array {
 pliant_status pliant_vtk_write(const char *path, bool is_surface, const char *comment, size_t points, size_t cells,
                                const vtk_array *arrays, int num_arrays);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

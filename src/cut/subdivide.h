@@ -4,10 +4,6 @@
 
 #include "cut/cut_stages.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Bits of cut_splitting.on. The stroke's surface is the surface that the stroke sweeps, and its continuation within the
  * tetrahedra at its border. */
 enum {
@@ -107,7 +103,4 @@ static inline double pliant_split_volume(const double *a, const double *b, const
            6;
 }
 
-#ifdef __cplusplus
-}
-#endif
 #endif

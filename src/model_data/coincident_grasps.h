@@ -5,16 +5,9 @@
 
 #include "model_data/data.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Return whether both tools are rigid and their held points at rest are closer than a quarter of a cube's shortest
  * edge. Displacements are linear within an element, so such points cannot separate. Two constraints would exert
  * opposite forces that grow as 1 / distance. */
 bool pliant_holds_coincide(const pliant_mesh *fine, const pliant_tool *a, const pliant_tool *b);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -4,15 +4,8 @@
 
 #include "pliant/report.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Run pliant_choose with progress on the console, and write the tried settings to FOLDER/choice. If the scene does not
  * request a choice, nothing is written. Errors: as for pliant_choose, FILE. */
 pliant_status choice_output(const pliant_report_input *input, const char *folder, bool pictures, pliant_choice *out);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

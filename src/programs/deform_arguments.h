@@ -4,10 +4,6 @@
 
 #include "pliant/render.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum {
 #define PLIANT_COUNT_CHOICE(name, yaml) +1
     PLIANT_NUM_SCALARS = 0 PLIANT_SCALAR_LIST(PLIANT_COUNT_CHOICE),
@@ -43,7 +39,4 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
 
 const char *deform_method_name(pliant_method method);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -4,16 +4,9 @@
 
 #include "deform_run.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Run the same inputs with every method that --compare names, each with its own folder. Then write DIR/compare.csv with
  * the errors relative to the last method. With --pictures, also write DIR/axial.png and so on, with the scan and the
  * volumes of all methods side by side. */
 pliant_status deform_compare(const deform_arguments *arguments, const deform_inputs *inputs);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -4,10 +4,6 @@
 
 #include "deform_run.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Write nodes.csv and, if requested, elements.csv, deformed.nii.gz and pictures to the run's folder.
  * @param step 0: the end; otherwise a number that is inserted into the names
  * Errors: FILE, MEMORY. */
@@ -17,7 +13,4 @@ pliant_status deform_write(const deform_run *run, long step);
  * of the tissue. LPS [m] */
 void deform_picture_point(const deform_run *run, double point[3]);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -7,10 +7,6 @@
 
 #include <stdio.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct deform_probes {
     FILE *file;            /* NULL: the path has no probes */
     pliant_points points;  /* in the mesh of the body with this revision */
@@ -26,7 +22,4 @@ pliant_status deform_probes_add(deform_probes *probes, const pliant_path *path, 
 /* Close the file. Errors: FILE if the rows could not be written. */
 pliant_status deform_probes_end(deform_probes *probes);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -8,10 +8,6 @@
 #include "timing.h"
 #include "tool/path.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct deform_inputs {
     pliant_volume scan;
     pliant_labels labels;
@@ -40,7 +36,4 @@ void deform_inputs_free(deform_inputs *inputs);
 pliant_status deform_run_execute(deform_run *run);
 void deform_run_free(deform_run *run);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

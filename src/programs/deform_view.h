@@ -5,10 +5,6 @@
 #include "deform_arguments.h"
 #include "deform_run.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Convert "X,Y,Z:X,Y,Z[:DEGREES]" to a camera. Return false after a message. */
 bool deform_view_read_camera(const char *text, pliant_camera *out);
 /* Convert "PRIMARY,SECONDARY" [degrees] to the angles of a C-arm. Return false after a message. */
@@ -17,7 +13,4 @@ bool deform_view_read_arm(const char *text, double angles[2]);
 /* Write folder/cameraNUMBER.png and radiographNUMBER.png as requested. Errors: FILE, MEMORY, ARGUMENT. */
 pliant_status deform_view_write(const deform_run *run, const char *number);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

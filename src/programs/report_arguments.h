@@ -4,10 +4,6 @@
 
 #include "report/report.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { MAX_MEASURED = 16, MAX_PARTS = 256 };
 
 typedef struct report_arguments {
@@ -29,7 +25,4 @@ typedef struct report_arguments {
 /* Read the command line. Return true to continue; false to exit with *exit_code. */
 bool report_arguments_read(int argc, char **argv, report_arguments *out, int *exit_code);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

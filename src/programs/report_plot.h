@@ -4,10 +4,6 @@
 
 #include "pliant/status.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 extern const unsigned char report_plot_script[]; /* contents of src/report/plot.py */
 extern const unsigned long report_plot_script_size;
 
@@ -15,7 +11,4 @@ extern const unsigned long report_plot_script_size;
  * failed, which is logged. Errors: FILE (the script cannot be written). */
 pliant_status report_plot(const char *folder, const char *setup, bool *drawn);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -6,10 +6,6 @@
 
 #include <stdio.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct step_times {
     FILE *steps;         /* steps.csv, one row per step */
     FILE *tools;         /* tools.csv, one row per step and tool that grasps, cuts or presses */
@@ -46,7 +42,4 @@ void timing_print_memory(FILE *file);
 /* Write folder/build.csv. Errors: FILE. */
 pliant_status timing_write_build(const char *folder, const pliant_model *model);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -4,10 +4,6 @@
 
 #include "pliant/report.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { BLOCK_SOFT, BLOCK_HARD, BLOCK_AIR, BLOCK_BONE, BLOCK_MATERIALS };
 
 typedef struct block_body {
@@ -27,7 +23,4 @@ pliant_status block_create(const int32_t size[3], const double box[3], block_pai
 pliant_status block_create_default(block_body *out);
 void block_free(block_body *body);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -5,10 +5,6 @@
 #include "report/stability_block.h"
 #include "report/stability_trial.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 #define STABILITY_CASE_LIST(X)                                                                                         \
     X(contrast) X(poisson) X(anisotropic) X(thin) X(empty) X(single_tetrahedron) X(pieces) X(pull) X(teleport)        \
     X(gravity) X(spring) X(half_turn) X(not_finite) X(flat) X(inverted) X(scrambled) X(plane) X(point) X(long_run)     \
@@ -17,7 +13,6 @@ extern "C" {
 #define STABILITY_DECLARE(name) pliant_status stability_##name(stability_context *context);
 STABILITY_CASE_LIST(STABILITY_DECLARE)
 #undef STABILITY_DECLARE
-
 
 /* Treatments that several cases use. */
 /* Move the grasped point to a different position in every step.
@@ -29,7 +24,4 @@ pliant_status trial_spring(stability_trial *trial, const void *argument);
 /* Pass values that are not finite. They must be rejected without any effect. */
 pliant_status trial_not_finite(stability_trial *trial, const void *argument);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

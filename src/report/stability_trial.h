@@ -5,10 +5,6 @@
 #include "report/report.h"
 #include "report/rows.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct stability_context {
     const pliant_report_input *input; /* body of cases that vary the load */
     const pliant_stability *options;
@@ -75,7 +71,4 @@ pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double fro
 /* Apply gravity, pull by a tenth of the body's size, and release. For cases about the body itself. */
 pliant_status trial_sag_and_pull(stability_trial *trial, const void *argument);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

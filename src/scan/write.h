@@ -4,10 +4,6 @@
 
 #include "pliant/scan.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Write a vector field as ITK writes a displacement field. The extension of path selects the format, as in
  * pliant_volume_write.
  * @param vectors  (voxels x 3) LPS; each is multiplied by factor.
@@ -15,7 +11,4 @@ extern "C" {
 pliant_status pliant_vectors_write(const char *path, const pliant_geometry *geometry, double factor,
                                    const float *vectors);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

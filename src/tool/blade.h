@@ -4,10 +4,6 @@
 
 #include "model_data/data.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Allocate an edge with `count` points, zeroed. *edge is overwritten; it is empty on errors. Errors: MEMORY. */
 pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge);
 
@@ -47,9 +43,5 @@ pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool);
 void pliant_blade_release(pliant_tool *tool);
 /* Compute the blade's force after the solve; it is at least the spring's force. */
 void pliant_blade_update_force(pliant_tool *tool);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -5,17 +5,10 @@
 
 #include "model_data/data.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Create the data for a simulation; empty until the first query. NULL: out of memory. */
 pliant_clearance *pliant_clearance_create(void);
 void pliant_clearance_free(pliant_clearance *clearance); /* Nullable */
 /* Return the signed distance of a point [m]: negative inside, NAN without memory. */
 double pliant_clearance_of(const pliant_model *model, const pliant_data *data, const double p[3]);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -7,10 +7,6 @@
 
 #include <string.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Update a tool after the solve with the position of the grasped point.
  * @param force (3) Nullable; force on the tool; if NULL, the tool keeps its force */
 void pliant_tool_report(pliant_data *data, int tool, const double *force);
@@ -36,9 +32,5 @@ static inline void pliant_tool_remove_grasp(pliant_tool *tool)
 void pliant_tool_reset_grasp(pliant_tool *tool);
 /* Free all data of a tool. */
 void pliant_tool_free(pliant_tool *tool);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -4,10 +4,6 @@
 
 #include "topology/body.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* ---- body.c: copy a body, except the neighbours across faces and the surface, which follow from the new corners.
  * Without with_cuts, the caller provides the cuts, and reports where it writes to the fine mesh, its parents and its
  * materials (base/buffer.h). */
@@ -54,7 +50,4 @@ pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *
 pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **out);
 void pliant_pieces_free(pliant_pieces *pieces); /* Nullable */
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -14,10 +14,6 @@
 
 #include <stdatomic.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum {
     SURFACE_MAX_PARTS = 4, /* maximum number of parts per edge */
     SURFACE_LATTICE = (SURFACE_MAX_PARTS + 1) * (SURFACE_MAX_PARTS + 1) * (SURFACE_MAX_PARTS + 1),
@@ -142,7 +138,4 @@ pliant_status pliant_surface_flatten(const surface_maker *maker, const uint8_t *
  * array must be allocated. Errors: MEMORY. */
 pliant_status pliant_surface_part_subdivided(pliant_surface *surface);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

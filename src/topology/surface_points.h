@@ -4,10 +4,6 @@
 
 #include "topology/visible_surface.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Nodes of the fine mesh, followed by the surface's additional vertices. */
 typedef struct surface_points {
     size_t count;
@@ -25,7 +21,4 @@ pliant_status pliant_surface_points_find(const pliant_surface *surface, const do
                                          const float *values, surface_points *out);
 void pliant_surface_points_free(surface_points *points);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

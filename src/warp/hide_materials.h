@@ -7,19 +7,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Copy a scan, with the background value in hidden materials.
  * @param material_of_voxel (voxels)
  * @param out free with pliant_volume_free
  * Errors: MEMORY. */
 pliant_status pliant_volume_hide(const pliant_volume *scan, const uint8_t *material_of_voxel, const bool hidden[256],
                                  pliant_volume *out);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

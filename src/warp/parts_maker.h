@@ -8,10 +8,6 @@
 
 #include <string.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* A growing list; size: bytes per element. */
 typedef struct part_list { void *at; size_t count, capacity, size; } part_list;
 
@@ -127,7 +123,4 @@ bool pliant_parts_differ(const part_changes *changes, const part_box *box, bool 
 /* Return whether anything in a cube of the hosts differs. */
 bool pliant_parts_differ_in(const part_changes *changes, const int32_t cube[3]);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

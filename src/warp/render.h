@@ -4,10 +4,6 @@
 
 #include "warp/ray.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Create the scene of a volume, without voxels, labels and bricks.
  * style: Nullable: radiograph
  * Errors: ARGUMENT. */
@@ -25,7 +21,4 @@ static inline bool render_by_label(const render_scene *scene, const render_outpu
 void render_fill_bricks(const render_scene *scene, bool by_label, int num_threads);
 void render_draw(const render_scene *scene, const render_output *out, int num_threads);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -5,10 +5,6 @@
 #include "contact/detect/part_broad_phase.h"
 #include "contact/detect/part_contacts.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* A node, edge or triangle of the surface, and the nearest point of a part. */
 typedef struct pliant_feature {
     uint64_t key;
@@ -42,7 +38,4 @@ static inline int pliant_compare_keys(const void *a, const void *b)
 /* Grow the capacity for the triangles near the parts. Errors: MEMORY. */
 pliant_status pliant_contact_detector_reserve(pliant_contact_detector *detector, const pliant_body *body);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

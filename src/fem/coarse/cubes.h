@@ -4,10 +4,6 @@
 
 #include "fem/coarse/shape_functions.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pliant_cube_work {
     pliant_system *system;
     const pliant_tet_material *material;
@@ -54,9 +50,5 @@ pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_submesh_ex
 /* Condense one element. Its submesh is loaded, and for a hexahedron `buffers` is filled. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_buffers *buffers,
                                  int32_t element);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

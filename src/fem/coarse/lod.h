@@ -21,10 +21,6 @@
 
 #include "fem/system.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Build system->upsample (P; trilinear for hexahedra) and system->grounded from the coarse tetrahedra. Errors:
  * MEMORY. */
 pliant_status pliant_lod_build_upsample(pliant_system *system, bool hexahedra, const uint8_t *fine_fixed,
@@ -34,9 +30,5 @@ pliant_status pliant_lod_build_upsample(pliant_system *system, bool hexahedra, c
 pliant_status pliant_lod_build_macros(pliant_system *system, const pliant_scene *scene, const uint8_t *fine_fixed,
                                       const uint8_t *coarse_fixed, const pliant_tet_material *material,
                                       pliant_progress progress);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -4,17 +4,9 @@
 
 #include "fem/coarse/lod_cubes.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Compute patch_nodes and patch_means of a cube. Errors: MEMORY. */
 pliant_status lod_size(lod_builder *lod, lod_buffers *buffers, int32_t cube);
 /* Compute the corrector of a cube. Errors: MEMORY, NUMERIC. */
 pliant_status lod_correct(lod_builder *lod, lod_buffers *buffers, int32_t cube);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

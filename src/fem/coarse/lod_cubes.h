@@ -4,10 +4,6 @@
 
 #include "fem/system.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Corrector of one cube. Values are zero on all other nodes. */
 typedef struct lod_corrector {
     int32_t count;
@@ -69,9 +65,5 @@ void lod_buffers_free(lod_buffers *buffers);
 pliant_status lod_list_cubes(lod_builder *lod);
 /* Compute mass and reach of the fine nodes. Errors: MEMORY. */
 pliant_status lod_measure_fine(lod_builder *lod);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

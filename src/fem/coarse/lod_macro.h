@@ -4,17 +4,9 @@
 
 #include "fem/coarse/lod_cubes.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Create system->macros with corners, frames, and the fine nodes that follow each. Errors: MEMORY. */
 pliant_status lod_macros_create(lod_builder *lod);
 /* Compute the matrix of a cube and the shape functions of its fine nodes. Errors: MEMORY. */
 pliant_status lod_macro(lod_builder *lod, lod_buffers *buffers, int32_t cube);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -4,10 +4,6 @@
 
 #include "fem/coarse/submesh.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Shape functions of one element. */
 typedef struct pliant_shapes {
     int32_t count;
@@ -20,9 +16,5 @@ pliant_status pliant_shapes_of(const pliant_submesh *submesh, int corners, plian
 void pliant_shapes_free(pliant_shapes *lists, int32_t count); /* Nullable */
 /* Build system->upsample from all elements' shape functions. corners: maximum number per element. Errors: MEMORY. */
 pliant_status pliant_shapes_sort(pliant_system *system, int corners, const pliant_shapes *lists);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

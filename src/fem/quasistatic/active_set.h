@@ -7,10 +7,6 @@
 
 #include "fem/quasistatic/solver.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pliant_active_set {
     int num_tools, tool[PLIANT_MAX_TOOLS];
     int rows, contact_rows; /* number of all rows, and of contact rows, which come first */
@@ -37,9 +33,5 @@ pliant_status pliant_active_set_project(const pliant_solver *solver, const plian
 /* Add share W' dl to v. */
 void pliant_active_set_add_forces(const pliant_solver *solver, const pliant_active_set *active,
                                   const pliant_active_forces *dl, double fraction, double *v);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

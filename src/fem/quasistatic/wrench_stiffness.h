@@ -4,10 +4,6 @@
 
 #include "fem/quasistatic/solver.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Compute the 6 x 6 derivative of force and torque about the tip with respect to translation and rotation vector of the
  * tool. It is zero without grasp and contact.
  * @param known  Out: false if the response of the grasped nodes is not available.
@@ -15,7 +11,4 @@ extern "C" {
 pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, const double tip[3], double stiffness[36],
                                       bool *known);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -4,16 +4,8 @@
 
 #include "model_data/model.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Set every length that is `auto` in the model's copy of the scene. The mesh must exist. Warn if the scene's margin
  * makes the deformed volume more than 4 times as large as the scan. */
 void pliant_model_set_lengths(pliant_model *model);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -4,10 +4,6 @@
 
 #include "model_data/model.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Return whether a node of the fine mesh is fixed, from its rest position. */
 bool pliant_fixed_node(const pliant_model *model, int32_t node);
 
@@ -18,9 +14,5 @@ int pliant_fixed_planes_log(const pliant_model *model);
 /* Move nodes of the fine mesh near fixed material onto its surface, as the voxels show it (mesh/bone_surface).
  * Errors: MEMORY, FORMAT. */
 pliant_status pliant_fixed_surface(pliant_model *model);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -4,10 +4,6 @@
 
 #include "model_data/model.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Read mesh/file into the topology's fine mesh. Its tetrahedra get their materials from the file's regions, or from
  * the scan if there are none. Errors: FILE, FORMAT, SCENE, MATERIAL (regions without a material), MEMORY. */
 pliant_status pliant_external_mesh(pliant_model *model);
@@ -15,7 +11,4 @@ pliant_status pliant_external_mesh(pliant_model *model);
 /* Refuse options that conflict with mesh/file. Errors: SCENE. */
 pliant_status pliant_external_check(const pliant_scene *scene);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -4,15 +4,8 @@
 
 #include "model_data/model.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Cut the rest topology, which must have voxels, where a sliding material meets another one. Errors: SCENE (no such
  * material), and as of pliant_body_sever. */
 pliant_status pliant_model_part_slides(pliant_model *model);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -7,10 +7,6 @@
 
 #include <stddef.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /** One field: `count` consecutive numbers of one kind. */
 typedef struct pliant_field_layout {
     const char *of, *name; /**< "pliant_body", "fine.rest" */
@@ -26,7 +22,4 @@ PLIANT_INTERNAL const pliant_field_layout *pliant_layout_fields(size_t *count);
  * [bytes]; 0: unknown name. */
 PLIANT_INTERNAL size_t pliant_layout_size(const char *of);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -9,10 +9,6 @@
 #include "sim/step/contact.h"
 #include "sim/step/legs.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { PLIANT_CONTACT_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED + PLIANT_MAX_PARTS };
 
 struct pliant_contact_search {
@@ -91,9 +87,5 @@ pliant_status pliant_contact_copy_found(const pliant_contact_search *from, plian
  * tool is to. They are written to search->point_buffer. Errors: MEMORY.
  * @param are_reused out: whether the points are reused */
 pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, bool *are_reused);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif
