@@ -326,7 +326,7 @@ static bool find_device(found_device *out, char *reason, size_t reason_size)
     return true;
 }
 
-extern "C" bool pliant_cuda_text(char *text, size_t size)
+bool pliant_cuda_text(char *text, size_t size)
 {
     found_device device;
     char reason[200];
@@ -339,7 +339,7 @@ extern "C" bool pliant_cuda_text(char *text, size_t size)
     return true;
 }
 
-extern "C" pliant_status pliant_cuda_current_device(int *out)
+pliant_status pliant_cuda_current_device(int *out)
 {
     found_device device;
     char reason[200];
@@ -349,5 +349,5 @@ extern "C" pliant_status pliant_cuda_current_device(int *out)
     return PLIANT_OK;
 }
 
-extern "C" void pliant_cuda_section_begin(const char *name) { nvtxRangePushA(name); }
-extern "C" void pliant_cuda_section_end(void) { nvtxRangePop(); }
+void pliant_cuda_section_begin(const char *name) { nvtxRangePushA(name); }
+void pliant_cuda_section_end(void) { nvtxRangePop(); }

@@ -4,10 +4,6 @@
 
 #include "pliant/status.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Describe the device that a backend uses, or the reason why no device can be used. Return whether one can be used. */
 bool pliant_cuda_text(char *text, size_t size);
 /* Return its index. Later calls return the same device while it works. Errors: UNAVAILABLE. */
@@ -17,7 +13,4 @@ pliant_status pliant_cuda_current_device(int *out);
 void pliant_cuda_section_begin(const char *name);
 void pliant_cuda_section_end(void);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -8,10 +8,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { GATHER_SUMS = 2, SINGLE_SUMS = 5, DOT_SUMS = SINGLE_SUMS + 2 * PLIANT_MAX_HISTORY };
 enum { GPU_ROWS = PLIANT_MAX_ROWS, GPU_HISTORY = PLIANT_MAX_HISTORY, GPU_TOOLS = PLIANT_MAX_TOOLS };
 
@@ -122,7 +118,4 @@ static __device__ __forceinline__ bool gpu_has_forces(const gpu_state *state)
 }
 #endif
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -243,8 +243,8 @@ static pliant_status send_all(const passage &work)
     return now->upsample ? send_upsampling(work) : PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out,
-                                                   gpu_system_capacity *capacity)
+pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out,
+                                        gpu_system_capacity *capacity)
 {
     gpu_system made = {};
     pliant_status status = pliant_cuda_allocate(PASSAGE, "the elements", &capacity->d_passage);
@@ -262,14 +262,13 @@ extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, 
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_system_carry_over_cut(const pliant_system *system, const pliant_system *before,
-                                                           cudaStream_t stream, gpu_system *gpu,
-                                                           gpu_system_capacity *capacity)
+pliant_status pliant_cuda_system_carry_over_cut(const pliant_system *system, const pliant_system *before,
+                                                cudaStream_t stream, gpu_system *gpu, gpu_system_capacity *capacity)
 {
     return send_all({system, before, stream, gpu, capacity, changes_of(system, before)});
 }
 
-extern "C" void pliant_cuda_system_free(gpu_system *system, gpu_system_capacity *capacity)
+void pliant_cuda_system_free(gpu_system *system, gpu_system_capacity *capacity)
 {
     pliant_cuda_release(system->d_tets, system->d_rest, system->d_gradients, system->d_lame, system->d_stiffness,
                         system->d_grounded, system->d_node_of_free, system->d_free_of_node, system->d_corner_start,

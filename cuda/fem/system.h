@@ -6,10 +6,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* The system. All pointers are device pointers. */
 typedef struct gpu_system {
     int32_t num_tets, num_nodes, num_free, num_fine;
@@ -52,7 +48,4 @@ pliant_status pliant_cuda_system_carry_over_cut(const pliant_system *system, con
                                                 cudaStream_t stream, gpu_system *gpu, gpu_system_capacity *capacity);
 void pliant_cuda_system_free(gpu_system *system, gpu_system_capacity *capacity);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

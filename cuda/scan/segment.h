@@ -8,10 +8,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum {
     SEGMENT_MAX_WAVES = 11 /* keys have 3 bits per wave */,
     SEGMENT_NUMBERED = 1024 /* voxels numbered by a block */
@@ -65,7 +61,4 @@ pliant_status pliant_cuda_segment_tally(const gpu_segment *segment, double quant
                                         cudaStream_t stream);
 pliant_status pliant_cuda_segment_label(const gpu_segment *segment, const uint16_t *d_label, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

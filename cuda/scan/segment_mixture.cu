@@ -186,8 +186,8 @@ static pliant_status enqueue(mixture *d_mixture, const segment_histogram *histog
     return CUDA_CALL(cudaStreamSynchronize(stream));
 }
 
-extern "C" pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int maximum, cudaStream_t stream,
-                                                 segment_fits *out)
+pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int maximum, cudaStream_t stream,
+                                      segment_fits *out)
 {
     mixture *d_mixture;
     CUDA_TRY(pliant_cuda_allocate(sizeof *d_mixture, "the mixture", &d_mixture));

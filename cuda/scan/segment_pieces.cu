@@ -54,8 +54,7 @@ __global__ void __launch_bounds__(SEGMENT_THREADS)
     }
 }
 
-extern "C" pliant_status pliant_cuda_segment_agree(const gpu_segment *segment, int count, float coherence,
-                                                   cudaStream_t stream)
+pliant_status pliant_cuda_segment_agree(const gpu_segment *segment, int count, float coherence, cudaStream_t stream)
 {
     most_likely_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, count);
     CUDA_TRY(CUDA_LAUNCHED("the classes"));
@@ -167,7 +166,7 @@ static unsigned blocks_of(const gpu_segment *segment, int32_t threads)
     return (unsigned)((segment->voxels + (int64_t)threads - 1) / threads);
 }
 
-extern "C" pliant_status pliant_cuda_segment_connect(const gpu_segment *segment, cudaStream_t stream)
+pliant_status pliant_cuda_segment_connect(const gpu_segment *segment, cudaStream_t stream)
 {
     const unsigned blocks = blocks_of(segment, SEGMENT_THREADS), numbered = blocks_of(segment, SEGMENT_NUMBERED);
     int32_t *d_number = reinterpret_cast<int32_t *>(segment->d_key);
@@ -210,7 +209,7 @@ __global__ void wait_kernel(const gpu_segment segment, const int32_t *d_members,
     if (threadIdx.x % 32 == 0 && waiting) atomicAdd(segment.d_left, __popc(waiting));
 }
 
-extern "C" pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, double minimum, cudaStream_t stream)
+pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, double minimum, cudaStream_t stream)
 {
     const unsigned blocks = blocks_of(segment, SEGMENT_THREADS);
     int32_t *d_members = reinterpret_cast<int32_t *>(segment->d_key);
@@ -258,7 +257,7 @@ __global__ void wave_end_kernel(const gpu_segment segment, int wave)
     if (threadIdx.x % 32 == 0 && left) atomicSub(segment.d_left, __popc(left));
 }
 
-extern "C" pliant_status pliant_cuda_segment_absorb(const gpu_segment *segment, cudaStream_t stream)
+pliant_status pliant_cuda_segment_absorb(const gpu_segment *segment, cudaStream_t stream)
 {
     const unsigned blocks = blocks_of(segment, SEGMENT_THREADS);
     CUDA_TRY(
@@ -301,16 +300,15 @@ __global__ void label_kernel(const gpu_segment segment, const uint16_t *d_label)
     if (v < segment.voxels) segment.d_raw[v] = d_label[segment.d_piece[v]];
 }
 
-extern "C" pliant_status pliant_cuda_segment_tally(const gpu_segment *segment, double quantum, gpu_tally *d_tallies,
-                                                   int32_t count, cudaStream_t stream)
+pliant_status pliant_cuda_segment_tally(const gpu_segment *segment, double quantum, gpu_tally *d_tallies, int32_t count,
+                                        cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(d_tallies, 0, (size_t)count * sizeof *d_tallies, stream)));
     tally_kernel<<<blocks_of(segment, SEGMENT_THREADS), SEGMENT_THREADS, 0, stream>>>(*segment, quantum, d_tallies);
     return CUDA_LAUNCHED("what is told of the pieces");
 }
 
-extern "C" pliant_status pliant_cuda_segment_label(const gpu_segment *segment, const uint16_t *d_label,
-                                                   cudaStream_t stream)
+pliant_status pliant_cuda_segment_label(const gpu_segment *segment, const uint16_t *d_label, cudaStream_t stream)
 {
     label_kernel<<<blocks_of(segment, SEGMENT_THREADS), SEGMENT_THREADS, 0, stream>>>(*segment, d_label);
     return CUDA_LAUNCHED("the labels");

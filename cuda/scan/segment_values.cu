@@ -9,7 +9,7 @@ static __device__ uint32_t ordered(float value)
     return bits & 0x80000000u ? ~bits : bits | 0x80000000u;
 }
 
-extern "C" float pliant_cuda_segment_float(uint32_t number)
+float pliant_cuda_segment_float(uint32_t number)
 {
     union { uint32_t bits; float value; } out;
     out.bits = number & 0x80000000u ? number & 0x7fffffffu : ~number;
@@ -98,7 +98,7 @@ __global__ void __launch_bounds__(SEGMENT_THREADS) smooth_kernel(const gpu_segme
     flush_counts(count, segment.d_count);
 }
 
-extern "C" pliant_status pliant_cuda_segment_range(const gpu_segment *segment, cudaStream_t stream)
+pliant_status pliant_cuda_segment_range(const gpu_segment *segment, cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_range, 0, sizeof *segment->d_range, stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(&segment->d_range->minimum, 0xff, sizeof segment->d_range->minimum, stream)));
@@ -106,16 +106,15 @@ extern "C" pliant_status pliant_cuda_segment_range(const gpu_segment *segment, c
     return CUDA_LAUNCHED("the range of the values");
 }
 
-extern "C" pliant_status pliant_cuda_segment_fine(const gpu_segment *segment, double minimum, double scale,
-                                                  cudaStream_t stream)
+pliant_status pliant_cuda_segment_fine(const gpu_segment *segment, double minimum, double scale, cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_fine, 0, SEGMENT_FINE_BINS * sizeof *segment->d_fine, stream)));
     fine_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, minimum, scale);
     return CUDA_LAUNCHED("the counts of the values");
 }
 
-extern "C" pliant_status pliant_cuda_segment_raw(const gpu_segment *segment, const segment_histogram *histogram,
-                                                 cudaStream_t stream)
+pliant_status pliant_cuda_segment_raw(const gpu_segment *segment, const segment_histogram *histogram,
+                                      cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_count, 0, SEGMENT_BINS * sizeof *segment->d_count, stream)));
     raw_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, histogram->low, histogram->width);
@@ -124,7 +123,7 @@ extern "C" pliant_status pliant_cuda_segment_raw(const gpu_segment *segment, con
     return CUDA_LAUNCHED("the noise");
 }
 
-extern "C" pliant_status pliant_cuda_segment_smooth(const gpu_segment *segment, int reach, cudaStream_t stream)
+pliant_status pliant_cuda_segment_smooth(const gpu_segment *segment, int reach, cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_count, 0, SEGMENT_BINS * sizeof *segment->d_count, stream)));
     smooth_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, reach);

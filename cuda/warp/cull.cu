@@ -220,10 +220,9 @@ static __global__ void __launch_bounds__(THREADS, 4)
     });
 }
 
-extern "C" size_t pliant_cuda_setup_bytes(void) { return sizeof(gpu_tet); }
+size_t pliant_cuda_setup_bytes(void) { return sizeof(gpu_tet); }
 
-extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positions, bool all,
-                                          cudaStream_t stream)
+pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positions, bool all, cudaStream_t stream)
 {
     const long long threads = 4 * (long long)raster->num_elements;
     const unsigned blocks = blocks_for(threads, THREADS);
@@ -277,9 +276,9 @@ static __global__ void leave_kernel(gpu_raster before, int count, const int32_t 
     });
 }
 
-extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common,
-                                                    const int32_t *d_from, int32_t num_rebuilt,
-                                                    const int32_t *d_rebuilt, cudaStream_t stream)
+pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common,
+                                         const int32_t *d_from, int32_t num_rebuilt, const int32_t *d_rebuilt,
+                                         cudaStream_t stream)
 {
     carry_kernel<<<blocks_for(now->num_elements, THREADS), THREADS, 0, stream>>>(*before, *now, common, d_from);
     CUDA_TRY(CUDA_LAUNCHED("carry_kernel"));
@@ -288,8 +287,8 @@ extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, co
     return CUDA_LAUNCHED("rebuild_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int32_t num_removed,
-                                                  const int32_t *d_removed, cudaStream_t stream)
+pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int32_t num_removed, const int32_t *d_removed,
+                                       cudaStream_t stream)
 {
     if (num_removed == 0) return PLIANT_OK;
     leave_kernel<<<blocks_for(4 * (long long)num_removed, THREADS), THREADS, 0, stream>>>(*before, num_removed,

@@ -214,8 +214,8 @@ static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const dou
     return upload(view, 1, stream, &fit->d_view);
 }
 
-extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const double *rest, const raster_source *source,
-                                                cudaStream_t stream, pliant_cuda_fit **out)
+pliant_status pliant_cuda_fit_create(const fit_view *parts, const double *rest, const raster_source *source,
+                                     cudaStream_t stream, pliant_cuda_fit **out)
 {
     pliant_cuda_fit *fit = static_cast<pliant_cuda_fit *>(pliant_calloc(1, sizeof *fit));
     if (!fit) return pliant_fail_memory("the fit");
@@ -237,7 +237,7 @@ extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const dou
     return PLIANT_OK;
 }
 
-extern "C" void pliant_cuda_fit_free(pliant_cuda_fit *fit)
+void pliant_cuda_fit_free(pliant_cuda_fit *fit)
 {
     if (!fit) return;
     const fit_view *view = &fit->view;
@@ -247,7 +247,7 @@ extern "C" void pliant_cuda_fit_free(pliant_cuda_fit *fit)
     pliant_free(fit);
 }
 
-extern "C" pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const double *d_positions, cudaStream_t stream)
+pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const double *d_positions, cudaStream_t stream)
 {
     sort_kernel<<<1, SORT_THREADS, 0, stream>>>(fit->d_view, d_positions, fit->d_cursor);
     CUDA_TRY(CUDA_LAUNCHED("the nodes of the fit"));
@@ -259,14 +259,14 @@ extern "C" pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const d
     return CUDA_LAUNCHED("the fit");
 }
 
-extern "C" const uint8_t *pliant_cuda_fit_zone(const pliant_cuda_fit *fit) { return fit->view.zone; }
+const uint8_t *pliant_cuda_fit_zone(const pliant_cuda_fit *fit) { return fit->view.zone; }
 
-extern "C" pliant_status pliant_cuda_fit_own(const pliant_cuda_fit *fit, const gpu_raster *raster, cudaStream_t stream)
+pliant_status pliant_cuda_fit_own(const pliant_cuda_fit *fit, const gpu_raster *raster, cudaStream_t stream)
 {
     return pliant_cuda_find_owners(raster, fit->d_owner, stream);
 }
 
-extern "C" pliant_status pliant_cuda_fit_draw(const pliant_cuda_fit *fit, const gpu_raster *raster, cudaStream_t stream)
+pliant_status pliant_cuda_fit_draw(const pliant_cuda_fit *fit, const gpu_raster *raster, cudaStream_t stream)
 {
     const int32_t *bricks = raster->grid.bricks;
     const dim3 grid((unsigned)bricks[0], (unsigned)bricks[1], (unsigned)bricks[2]);

@@ -8,10 +8,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pliant_cuda_fit pliant_cuda_fit;
 
 /* Create the fit on the GPU.
@@ -31,7 +27,4 @@ pliant_status pliant_cuda_fit_own(const pliant_cuda_fit *fit, const gpu_raster *
  * (bricks) to 1 if a voxel has changed, otherwise 0. */
 pliant_status pliant_cuda_fit_draw(const pliant_cuda_fit *fit, const gpu_raster *raster, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -33,8 +33,8 @@ static __global__ void __launch_bounds__(SAMPLES)
     }
 }
 
-extern "C" pliant_status pliant_cuda_cross(const march_voxels *voxels, const march_ray *ray, int64_t first,
-                                           march_crossing *d_out, cudaStream_t stream)
+pliant_status pliant_cuda_cross(const march_voxels *voxels, const march_ray *ray, int64_t first, march_crossing *d_out,
+                                cudaStream_t stream)
 {
     cross_kernel<<<1, SAMPLES, 0, stream>>>(*voxels, *ray, first, d_out);
     return CUDA_LAUNCHED("pick");

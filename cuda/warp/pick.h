@@ -7,16 +7,9 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Find the first crossing at sample `first` or later; the sample before it counts as above the threshold. The voxels
  * are in device memory. */
 pliant_status pliant_cuda_cross(const march_voxels *voxels, const march_ray *ray, int64_t first, march_crossing *d_out,
                                 cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -342,7 +342,7 @@ static __global__ void __launch_bounds__(THREADS) owners_kernel(gpu_raster raste
     }
 }
 
-extern "C" pliant_status pliant_cuda_find_owners(const gpu_raster *raster, int32_t *d_owner, cudaStream_t stream)
+pliant_status pliant_cuda_find_owners(const gpu_raster *raster, int32_t *d_owner, cudaStream_t stream)
 {
     const dim3 blocks((unsigned)raster->grid.bricks[0], (unsigned)raster->grid.bricks[1],
                       (unsigned)raster->grid.bricks[2]);
@@ -392,13 +392,13 @@ static void prepare(const gpu_raster &raster, const void *d_voxels, void *d_sour
         raster.source_size[0]);
 }
 
-extern "C" size_t pliant_cuda_source_bytes(pliant_encoding encoding)
+size_t pliant_cuda_source_bytes(pliant_encoding encoding)
 {
     return encoding == PLIANT_FLOAT32 ? sizeof(sampler<float>::source) : sizeof(sampler<int16_t>::source);
 }
 
-extern "C" pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source,
-                                                    int64_t count, cudaStream_t stream)
+pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count,
+                                         cudaStream_t stream)
 {
     switch (raster->encoding) {
     case PLIANT_UINT8: prepare<uint8_t>(*raster, d_voxels, d_source, count, stream); break;
@@ -408,7 +408,7 @@ extern "C" pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, co
     return CUDA_LAUNCHED("source_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cudaStream_t stream)
+pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cudaStream_t stream)
 {
     long long count = (long long)pliant_geometry_voxels(&raster->grid.target);
     switch (raster->encoding) {
@@ -438,9 +438,9 @@ template <class Voxel> static pliant_status draw(const gpu_raster &raster, bool 
     return CUDA_LAUNCHED("crowded_kernel");
 }
 
-extern "C" int32_t pliant_cuda_longest_usual(void) { return MAX_CANDIDATES; }
+int32_t pliant_cuda_longest_usual(void) { return MAX_CANDIDATES; }
 
-extern "C" pliant_status pliant_cuda_rasterize(const gpu_raster *raster, bool crowded, cudaStream_t stream)
+pliant_status pliant_cuda_rasterize(const gpu_raster *raster, bool crowded, cudaStream_t stream)
 {
     switch (raster->encoding) {
     case PLIANT_UINT8:

@@ -8,10 +8,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Kernel arguments. All pointers are device pointers. */
 typedef struct gpu_raster {
     raster_grid grid;
@@ -70,7 +66,4 @@ pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_ras
 pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int32_t num_removed, const int32_t *d_removed,
                                        cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -77,8 +77,8 @@ static pliant_status reserve_capacity(gpu_pictures *pictures, size_t bricks, siz
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_render(gpu_pictures *pictures, const render_scene *given, const render_output *out,
-                                            cudaStream_t stream)
+pliant_status pliant_cuda_render(gpu_pictures *pictures, const render_scene *given, const render_output *out,
+                                 cudaStream_t stream)
 {
     const size_t pixels = (size_t)given->width * (size_t)given->height,
                  bricks = (size_t)given->bricks[0] * (size_t)given->bricks[1] * (size_t)given->bricks[2];
@@ -106,7 +106,7 @@ extern "C" pliant_status pliant_cuda_render(gpu_pictures *pictures, const render
     return PLIANT_OK;
 }
 
-extern "C" void pliant_cuda_pictures_free(gpu_pictures *pictures)
+void pliant_cuda_pictures_free(gpu_pictures *pictures)
 {
     pliant_cuda_release(pictures->d_bricks);
     pliant_cuda_release(pictures->d_pixels);

@@ -7,10 +7,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Buffers that are kept between images. */
 typedef struct gpu_pictures {
     float *d_bricks;
@@ -27,7 +23,4 @@ pliant_status pliant_cuda_render(gpu_pictures *pictures, const render_scene *sce
                                  cudaStream_t stream);
 void pliant_cuda_pictures_free(gpu_pictures *pictures);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

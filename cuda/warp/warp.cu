@@ -312,7 +312,7 @@ static pliant_status draw(pliant_cuda_warp *gpu, const double *d_positions, bool
         cudaMemcpyAsync(gpu->h_longest, raster->d_longest, sizeof *gpu->h_longest, cudaMemcpyDeviceToHost, stream));
 }
 
-extern "C" pliant_status pliant_cuda_warp_enqueue(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+pliant_status pliant_cuda_warp_enqueue(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
 {
     CUDA_TRY(draw(gpu, d_positions, !gpu->drawn, stream));
     gpu->drawn = true;
@@ -344,7 +344,7 @@ static pliant_status draw_again(pliant_cuda_warp *gpu, const double *d_positions
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
 {
     const int32_t *bricks = gpu->raster.grid.bricks;
     if (*gpu->h_longest > gpu->raster.capacity || (!gpu->crowded && *gpu->h_longest > pliant_cuda_longest_usual()))

@@ -6,10 +6,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pliant_cuda_warp pliant_cuda_warp;
 
 /* Enqueue an update on a stream from device positions (num_nodes x 3). */
@@ -18,7 +14,4 @@ pliant_status pliant_cuda_warp_enqueue(pliant_cuda_warp *gpu, const double *d_po
  * tetrahedra were too short, they are enlarged and the update is repeated. */
 pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -94,8 +94,8 @@ static pliant_status copy_present(const gpu_iteration *iteration, int count, dou
     return CUDA_LAUNCHED("copy_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_upsample(const gpu_system *system, const gpu_iteration *iteration, double *d_fine,
-                                              double *d_solved, cudaStream_t stream)
+pliant_status pliant_cuda_upsample(const gpu_system *system, const gpu_iteration *iteration, double *d_fine,
+                                   double *d_solved, cudaStream_t stream)
 {
     unsigned blocks = blocks_for(system->num_fine, THREADS);
     if (d_solved) CUDA_TRY(copy_present(iteration, 3 * system->num_nodes, d_solved, stream));

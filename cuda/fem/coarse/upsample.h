@@ -5,16 +5,9 @@
 #include "cuda/fem/solver_state.h"
 #include "cuda/fem/system.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Copy the present iterate's fine nodes to d_fine (num_fine x 3), and the solved nodes to d_solved (num_nodes x 3)
  * unless it is NULL. */
 pliant_status pliant_cuda_upsample(const gpu_system *system, const gpu_iteration *iteration, double *d_fine,
                                    double *d_solved, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -171,7 +171,7 @@ static pliant_status fill(pliant_cuda_tled *gpu, const pliant_tled *tled)
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
-extern "C" pliant_status pliant_cuda_tled_create(pliant_tled *tled, int device, pliant_cuda_tled **out)
+pliant_status pliant_cuda_tled_create(pliant_tled *tled, int device, pliant_cuda_tled **out)
 {
     pliant_cuda_tled *gpu = static_cast<pliant_cuda_tled *>(pliant_calloc(1, sizeof *gpu));
     if (!gpu) return pliant_fail_memory("the dynamics");
@@ -200,7 +200,7 @@ static void release_held(gpu_tled *it)
     it->d_tool_weight = NULL;
 }
 
-extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
+void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
 {
     if (!gpu) return;
     cudaSetDevice(gpu->device);
@@ -223,14 +223,14 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
     pliant_free(gpu);
 }
 
-extern "C" void pliant_cuda_tled_restart(pliant_cuda_tled *gpu) { gpu->stale = true; }
-extern "C" pliant_status pliant_cuda_tled_set_positions(pliant_cuda_tled *gpu, const double *h_positions)
+void pliant_cuda_tled_restart(pliant_cuda_tled *gpu) { gpu->stale = true; }
+pliant_status pliant_cuda_tled_set_positions(pliant_cuda_tled *gpu, const double *h_positions)
 {
     return pliant_cuda_send(h_positions, 3 * (size_t)gpu->gpu.num_nodes * sizeof *h_positions, gpu->gpu.d_positions,
                             gpu->stream);
 }
-extern "C" const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu) { return gpu->gpu.d_positions; }
-extern "C" cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu) { return gpu->stream; }
+const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu) { return gpu->gpu.d_positions; }
+cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu) { return gpu->stream; }
 
 /* ---- A frame. */
 
@@ -468,8 +468,8 @@ static void take(const gpu_outcome *outcome, pliant_tled *tled, pliant_tool *too
         for (int d = 0; d < 3; d++) tools[t].force[d] += outcome->force[t][d];
 }
 
-extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
-                                              pliant_tled_frame *out)
+pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
+                                   pliant_tled_frame *out)
 {
     pliant_cuda_tled *gpu = static_cast<pliant_cuda_tled *>(with);
     gpu_frame *frame = &gpu->h_exchange->frame;

@@ -7,10 +7,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pliant_cuda_tled pliant_cuda_tled;
 
 /* Create the GPU state. tled: borrowed; it outlives the object. Errors: MEMORY (with figures), UNAVAILABLE. */
@@ -28,7 +24,4 @@ const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu);
 pliant_status pliant_cuda_tled_set_positions(pliant_cuda_tled *gpu, const double *h_positions);
 cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -26,7 +26,7 @@ static void free_points(gpu_tled_contacts *sorted, gpu_tled *gpu)
     sorted->point_capacity = 0;
 }
 
-extern "C" void pliant_cuda_tled_contacts_free(gpu_tled_contacts *sorted, gpu_tled *gpu)
+void pliant_cuda_tled_contacts_free(gpu_tled_contacts *sorted, gpu_tled *gpu)
 {
     free_points(sorted, gpu);
     pliant_cuda_release(gpu->d_near_buffer);
@@ -122,8 +122,8 @@ static pliant_status choose_memory(const gpu_tled_contacts *sorted, gpu_tled *gp
     return pliant_cuda_tled_use_shared_memory(gpu, bytes, (size_t)maximum);
 }
 
-extern "C" pliant_status pliant_cuda_tled_contacts_sort(const pliant_tled *tled, gpu_tled_contacts *sorted,
-                                                        gpu_tled *gpu, bool *moved)
+pliant_status pliant_cuda_tled_contacts_sort(const pliant_tled *tled, gpu_tled_contacts *sorted, gpu_tled *gpu,
+                                             bool *moved)
 {
     static const pliant_contacts none = {};
     const pliant_contacts *contacts = pliant_tled_touches(tled) ? tled->contacts : &none;
@@ -158,8 +158,7 @@ extern "C" pliant_status pliant_cuda_tled_contacts_sort(const pliant_tled *tled,
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_tled_contacts_send(const gpu_tled_contacts *sorted, const gpu_tled *gpu,
-                                                        cudaStream_t stream)
+pliant_status pliant_cuda_tled_contacts_send(const gpu_tled_contacts *sorted, const gpu_tled *gpu, cudaStream_t stream)
 {
     const size_t count = (size_t)sorted->num_points, levels = (size_t)sorted->num_levels + 1;
     if (count == 0) return PLIANT_OK;
@@ -171,8 +170,8 @@ extern "C" pliant_status pliant_cuda_tled_contacts_send(const gpu_tled_contacts 
         cudaMemcpyAsync(gpu->d_level, sorted->h_level, levels * sizeof *gpu->d_level, cudaMemcpyHostToDevice, stream));
 }
 
-extern "C" pliant_status pliant_cuda_tled_contacts_download(const gpu_tled_contacts *sorted, const gpu_tled *gpu,
-                                                            cudaStream_t stream)
+pliant_status pliant_cuda_tled_contacts_download(const gpu_tled_contacts *sorted, const gpu_tled *gpu,
+                                                 cudaStream_t stream)
 {
     const size_t count = (size_t)sorted->num_points;
     if (count == 0) return PLIANT_OK;
@@ -182,7 +181,7 @@ extern "C" pliant_status pliant_cuda_tled_contacts_download(const gpu_tled_conta
                                      cudaMemcpyDeviceToHost, stream));
 }
 
-extern "C" void pliant_cuda_tled_contacts_take(const gpu_tled_contacts *sorted, pliant_tled *tled)
+void pliant_cuda_tled_contacts_take(const gpu_tled_contacts *sorted, pliant_tled *tled)
 {
     for (int32_t i = 0; i < sorted->num_points; i++) {
         pliant_contact_point *point = tled->contacts->point + sorted->order[i];

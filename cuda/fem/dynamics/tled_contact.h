@@ -6,10 +6,6 @@
 
 #include "cuda/fem/dynamics/tled_state.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* The points of a frame, sorted by levels. A point is on a later level than all earlier points with a common node.
  * Points of one level can be corrected at the same time, with the same result as one after the other. */
 typedef struct gpu_tled_contacts {
@@ -35,7 +31,4 @@ pliant_status pliant_cuda_tled_contacts_download(const gpu_tled_contacts *sorted
                                                  cudaStream_t stream);
 void pliant_cuda_tled_contacts_take(const gpu_tled_contacts *sorted, pliant_tled *tled);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

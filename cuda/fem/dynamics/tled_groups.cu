@@ -135,7 +135,7 @@ static pliant_status upload_all(const pliant_tled_system *system, const grouping
     return upload(made->corner, (size_t)system->corner_start[nodes], stream, &tled->d_corner);
 }
 
-extern "C" pliant_status pliant_cuda_tled_groups(const pliant_tled_system *system, gpu_tled *tled, cudaStream_t stream)
+pliant_status pliant_cuda_tled_groups(const pliant_tled_system *system, gpu_tled *tled, cudaStream_t stream)
 {
     const size_t nodes = (size_t)system->mesh->num_nodes, elements = (size_t)pliant_tled_blocks(system) * LANES,
                  corners = (size_t)system->corner_start[nodes];

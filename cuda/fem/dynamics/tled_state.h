@@ -19,10 +19,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum {
     GPU_THREADS = 256 /* threads per block: maximum elements of a group */,
     GPU_GROUP_NODES = 10 * (GPU_THREADS / 32)
@@ -164,7 +160,4 @@ pliant_status pliant_cuda_tled_unpack(const gpu_tled *tled, cudaStream_t stream)
 /* Mark exactly the nodes of d_held_node as held. */
 pliant_status pliant_cuda_tled_hold(const gpu_tled *tled, int32_t num_held, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -438,7 +438,7 @@ template <int LAW> static void launch(const gpu_tled *tled, int32_t number, cuda
     else launch<LAW, false>(tled, number, stream);
 }
 
-extern "C" pliant_status pliant_cuda_tled_use_shared_memory(gpu_tled *tled, size_t bytes, size_t maximum)
+pliant_status pliant_cuda_tled_use_shared_memory(gpu_tled *tled, size_t bytes, size_t maximum)
 {
     cudaFuncAttributes kernel;
     CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&kernel, pull_kernel)));
@@ -448,8 +448,7 @@ extern "C" pliant_status pliant_cuda_tled_use_shared_memory(gpu_tled *tled, size
     return CUDA_CALL(cudaFuncSetAttribute(pull_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)bytes));
 }
 
-extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled,
-                                                  cudaStream_t stream)
+pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream)
 {
     if (tled->nodal) {
         pressure_kernel<<<(unsigned)tled->num_groups, GPU_THREADS, 0, stream>>>(*tled, number);
@@ -470,25 +469,25 @@ extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t 
     return CUDA_LAUNCHED("dynamic relaxation");
 }
 
-extern "C" pliant_status pliant_cuda_tled_advance_base(const gpu_tled *tled, int32_t steps, cudaStream_t stream)
+pliant_status pliant_cuda_tled_advance_base(const gpu_tled *tled, int32_t steps, cudaStream_t stream)
 {
     advance_base_kernel<<<1, 1, 0, stream>>>(tled->d_outcome, steps);
     return CUDA_LAUNCHED("the count of sub-steps");
 }
 
-extern "C" pliant_status pliant_cuda_tled_finish(const gpu_tled *tled, cudaStream_t stream)
+pliant_status pliant_cuda_tled_finish(const gpu_tled *tled, cudaStream_t stream)
 {
     finish_kernel<<<blocks_for(tled->viscous ? tled->num_elements : tled->num_nodes), GPU_THREADS, 0, stream>>>(*tled);
     return CUDA_LAUNCHED("the end of a frame");
 }
 
-extern "C" pliant_status pliant_cuda_tled_unpack(const gpu_tled *tled, cudaStream_t stream)
+pliant_status pliant_cuda_tled_unpack(const gpu_tled *tled, cudaStream_t stream)
 {
     unpack_kernel<<<blocks_for(tled->viscous ? tled->num_elements : tled->num_nodes), GPU_THREADS, 0, stream>>>(*tled);
     return CUDA_LAUNCHED("the state of the dynamics");
 }
 
-extern "C" pliant_status pliant_cuda_tled_hold(const gpu_tled *tled, int32_t num_held, cudaStream_t stream)
+pliant_status pliant_cuda_tled_hold(const gpu_tled *tled, int32_t num_held, cudaStream_t stream)
 {
     release_kernel<<<blocks_for(tled->num_nodes), GPU_THREADS, 0, stream>>>(tled->d_nodes, tled->num_nodes);
     CUDA_TRY(CUDA_LAUNCHED("the held nodes"));

@@ -208,10 +208,9 @@ static __global__ void __launch_bounds__(GATHER_THREADS)
     for (int m = 0; m < 9; m++) iteration.d_axes[9 * (size_t)n + m] = turn[m];
 }
 
-extern "C" int pliant_cuda_gather_blocks(const gpu_system *system) { return (int)blocks_for(system->num_free, NODES); }
+int pliant_cuda_gather_blocks(const gpu_system *system) { return (int)blocks_for(system->num_free, NODES); }
 
-extern "C" pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *iteration,
-                                            cudaStream_t stream)
+pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
 {
     if (system->macros.count > 0) {
         CUDA_TRY(pliant_cuda_macro_forces(system, iteration, stream));
@@ -223,8 +222,7 @@ extern "C" pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_
     return CUDA_LAUNCHED("force_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_iteration *iteration,
-                                            cudaStream_t stream)
+pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
 {
     gather_kernel<<<blocks_for(system->num_free, NODES), GATHER_THREADS, 0, stream>>>(*system, *iteration);
     return CUDA_LAUNCHED("gather_kernel");
@@ -238,8 +236,8 @@ static pliant_status smooth(const gpu_system *system, const gpu_iteration *itera
     return CUDA_LAUNCHED("smooth_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity,
-                                            cudaStream_t stream)
+pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity,
+                                 cudaStream_t stream)
 {
     if (!identity && system->macros.count > 0) {
         CUDA_TRY(pliant_cuda_macro_rotations(system, iteration, stream));

@@ -5,10 +5,6 @@
 #include "cuda/fem/solver_state.h"
 #include "cuda/fem/system.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Return the number of blocks of the gather. Each block has two sums: work of the load, and of the elastic forces. */
 int pliant_cuda_gather_blocks(const gpu_system *system);
 
@@ -22,7 +18,4 @@ pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_iteration *
 pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity,
                                  cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -100,8 +100,8 @@ static bool is_small(const gpu_macros *macros) { return macros->max_unknowns <= 
 
 static __global__ void macro_force_kernel(gpu_system system, gpu_iteration iteration);
 
-extern "C" pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream,
-                                                size_t *capacity, gpu_macros *out)
+pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *capacity,
+                                     gpu_macros *out)
 {
     const sending to = {grows, stream, capacity};
     const size_t count = (size_t)macros->count, corners = (size_t)macros->start[count];
@@ -132,7 +132,7 @@ extern "C" pliant_status pliant_cuda_macros_set(const pliant_macros *macros, boo
         cudaFuncSetAttribute(macro_force_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes(out)));
 }
 
-extern "C" void pliant_cuda_macros_free(gpu_macros *macros)
+void pliant_cuda_macros_free(gpu_macros *macros)
 {
     void *blocks[] = {macros->d_start,          macros->d_node,        macros->d_own,          macros->d_rank,
                       macros->d_cube_of_corner, macros->d_fine_start,  macros->d_fine,         macros->d_held,
@@ -293,14 +293,12 @@ static pliant_status find_frames(const gpu_system *system, const gpu_iteration *
     return CUDA_LAUNCHED("macro_frame_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_macro_frames(const gpu_system *system, const gpu_iteration *iteration,
-                                                  cudaStream_t stream)
+pliant_status pliant_cuda_macro_frames(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
 {
     return find_frames(system, iteration, false, stream);
 }
 
-extern "C" pliant_status pliant_cuda_macro_forces(const gpu_system *system, const gpu_iteration *iteration,
-                                                  cudaStream_t stream)
+pliant_status pliant_cuda_macro_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
 {
     CUDA_TRY(find_frames(system, iteration, true, stream));
     if (is_small(&system->macros)) {
@@ -312,15 +310,14 @@ extern "C" pliant_status pliant_cuda_macro_forces(const gpu_system *system, cons
     return CUDA_LAUNCHED("macro_force_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_macro_rotations(const gpu_system *system, const gpu_iteration *iteration,
-                                                     cudaStream_t stream)
+pliant_status pliant_cuda_macro_rotations(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
 {
     macro_rotation_kernel<<<blocks_for(system->macros.count, FRAMES), FRAMES, 0, stream>>>(*system, *iteration);
     return CUDA_LAUNCHED("macro_rotation_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_macro_positions(const gpu_system *system, const gpu_iteration *iteration,
-                                                     double *d_fine, cudaStream_t stream)
+pliant_status pliant_cuda_macro_positions(const gpu_system *system, const gpu_iteration *iteration, double *d_fine,
+                                          cudaStream_t stream)
 {
     /* Fixed nodes follow no cube and are at rest. */
     const size_t bytes = 3 * (size_t)system->num_fine * sizeof *d_fine;

@@ -7,10 +7,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 struct gpu_system;
 struct gpu_iteration;
 
@@ -51,7 +47,4 @@ pliant_status pliant_cuda_macro_frames(const struct gpu_system *system, const st
 pliant_status pliant_cuda_macro_positions(const struct gpu_system *system, const struct gpu_iteration *iteration,
                                           double *d_fine, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -237,10 +237,9 @@ static pliant_status send_all(const pliant_system *system, const gpu_system *gpu
     return invert(gpu, pivots, tiles, stream, carried, capacity);
 }
 
-extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu,
-                                                 const pliant_carried_layout *base, int32_t *h_source,
-                                                 cudaStream_t stream, gpu_carried *carried,
-                                                 gpu_carried_capacity *capacity, bool *possible)
+pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu,
+                                      const pliant_carried_layout *base, int32_t *h_source, cudaStream_t stream,
+                                      gpu_carried *carried, gpu_carried_capacity *capacity, bool *possible)
 {
     neighbours found = {};
     pliant_status status = find_neighbours(system, base, h_source, &found);
@@ -264,14 +263,14 @@ extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, co
     return status;
 }
 
-extern "C" void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_capacity *capacity)
+void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_capacity *capacity)
 {
     carried->base_free = 0;
     pliant_free(capacity->h_source);
     capacity->h_source = nullptr;
 }
 
-extern "C" void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_capacity *capacity)
+void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_capacity *capacity)
 {
     pliant_cuda_release(carried->d_source, carried->d_taker_start, carried->d_taker, carried->d_near, carried->d_place,
                         carried->d_answer, carried->d_found, carried->d_pull, carried->d_right, carried->d_left,
@@ -354,8 +353,8 @@ static __global__ void __launch_bounds__(COLUMNS *GROUPS)
     d_left[3 * carried.d_near[column / 3] + column % 3] = carried.d_found[column] - sum;
 }
 
-extern "C" pliant_status pliant_cuda_carried_restrict(const gpu_carried *carried, const int32_t *d_skip,
-                                                      const float *d_right, cudaStream_t stream)
+pliant_status pliant_cuda_carried_restrict(const gpu_carried *carried, const int32_t *d_skip, const float *d_right,
+                                           cudaStream_t stream)
 {
     if (carried->inner > 0) {
         near_kernel<<<blocks_for(3 * (carried->inner + carried->outer), THREADS / WARP), THREADS, 0, stream>>>(
@@ -366,8 +365,8 @@ extern "C" pliant_status pliant_cuda_carried_restrict(const gpu_carried *carried
     return CUDA_LAUNCHED("below_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_carried_extend(const gpu_carried *carried, const int32_t *d_skip, float *d_left,
-                                                    cudaStream_t stream)
+pliant_status pliant_cuda_carried_extend(const gpu_carried *carried, const int32_t *d_skip, float *d_left,
+                                         cudaStream_t stream)
 {
     const unsigned near = blocks_for(3 * carried->inner, COLUMNS),
                    rest = blocks_for(3 * carried->num_free, COLUMNS * GROUPS);
@@ -375,7 +374,7 @@ extern "C" pliant_status pliant_cuda_carried_extend(const gpu_carried *carried, 
     return CUDA_LAUNCHED("above_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_carried_load_kernels(void)
+pliant_status pliant_cuda_carried_load_kernels(void)
 {
     return pliant_cuda_load_kernels(assemble_kernel, pad_kernel, narrow_kernel, near_kernel, below_kernel,
                                     above_kernel);

@@ -11,10 +11,6 @@
 #include "cuda/fem/linear/inverse.h"
 #include "cuda/fem/system.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { CARRIED_ARRAYS = 12 };
 
 typedef struct gpu_carried {
@@ -61,7 +57,4 @@ pliant_status pliant_cuda_carried_restrict(const gpu_carried *carried, const int
 pliant_status pliant_cuda_carried_extend(const gpu_carried *carried, const int32_t *d_skip, float *d_left,
                                          cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -16,14 +16,14 @@ static void free_slots(gpu_compliance_columns *blocks)
     pliant_cuda_release_host(blocks->h_which);
 }
 
-extern "C" void pliant_cuda_compliance_free(gpu_compliance_columns *blocks)
+void pliant_cuda_compliance_free(gpu_compliance_columns *blocks)
 {
     free_slots(blocks);
     pliant_free(blocks->slot);
     memset(blocks, 0, sizeof *blocks);
 }
 
-extern "C" void pliant_cuda_compliance_discard(gpu_compliance_columns *blocks)
+void pliant_cuda_compliance_discard(gpu_compliance_columns *blocks)
 {
     for (int32_t s = 0; s < blocks->capacity; s++) {
         if (blocks->unknown[s] >= 0) blocks->slot[blocks->unknown[s]] = -1;
@@ -88,10 +88,9 @@ static int32_t take_slot(gpu_compliance_columns *blocks)
     return slot;
 }
 
-extern "C" pliant_status pliant_cuda_compliance_compute(gpu_compliance_columns *blocks,
-                                                        const gpu_preconditioner *preconditioner,
-                                                        const gpu_iteration *iteration, int32_t count,
-                                                        const int32_t *unknown, cudaStream_t stream, bool *made)
+pliant_status pliant_cuda_compliance_compute(gpu_compliance_columns *blocks, const gpu_preconditioner *preconditioner,
+                                             const gpu_iteration *iteration, int32_t count, const int32_t *unknown,
+                                             cudaStream_t stream, bool *made)
 {
     CUDA_TRY(set_size(blocks, iteration->num_free));
     CUDA_TRY(reserve_capacity(blocks, count, stream));

@@ -5,10 +5,6 @@
 
 #include "cuda/fem/linear/preconditioner.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct gpu_compliance_columns {
     int32_t num_free;
     size_t stride;              /* of a column, padded */
@@ -30,7 +26,4 @@ pliant_status pliant_cuda_compliance_compute(gpu_compliance_columns *blocks, con
                                              const gpu_iteration *iteration, int32_t count, const int32_t *unknown,
                                              cudaStream_t stream, bool *made);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

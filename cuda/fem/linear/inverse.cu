@@ -119,9 +119,9 @@ static pliant_status invert(const pliant_pattern *pattern, const double *h_value
     return CUDA_CALL(cudaStreamSynchronize(stream));
 }
 
-extern "C" int32_t pliant_cuda_inverse_padded(int32_t size) { return (size + TILE - 1) / TILE * TILE; }
+int32_t pliant_cuda_inverse_padded(int32_t size) { return (size + TILE - 1) / TILE * TILE; }
 
-extern "C" size_t pliant_cuda_inverse_memory(int32_t size, size_t *kept)
+size_t pliant_cuda_inverse_memory(int32_t size, size_t *kept)
 {
     size_t padded = (size_t)pliant_cuda_inverse_padded(size), tiles = padded / TILE;
     *kept = triangle(tiles, 0) * TILE * TILE * sizeof(float) + tiles * padded * sizeof(float);
@@ -129,8 +129,8 @@ extern "C" size_t pliant_cuda_inverse_memory(int32_t size, size_t *kept)
            pliant_cuda_sweep_buffer_bytes((int32_t)(padded / SWEEP));
 }
 
-extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, bool holds,
-                                                    cudaStream_t stream, gpu_inverse *out)
+pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, bool holds,
+                                         cudaStream_t stream, gpu_inverse *out)
 {
     gpu_inverse made = {};
     workspace work = {};
@@ -151,7 +151,7 @@ extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *patter
     return PLIANT_OK;
 }
 
-extern "C" void pliant_cuda_inverse_free(gpu_inverse *inverse)
+void pliant_cuda_inverse_free(gpu_inverse *inverse)
 {
     pliant_cuda_release(inverse->d_tiles);
     pliant_cuda_release(inverse->d_parts);
@@ -260,9 +260,8 @@ static __global__ void __launch_bounds__(THREADS)
     d_left[n] = sum;
 }
 
-extern "C" pliant_status pliant_cuda_inverse_apply_all(const gpu_inverse *inverse, const int32_t *d_skip, int32_t count,
-                                                       size_t stride, const float *d_right, float *d_left,
-                                                       cudaStream_t stream)
+pliant_status pliant_cuda_inverse_apply_all(const gpu_inverse *inverse, const int32_t *d_skip, int32_t count,
+                                            size_t stride, const float *d_right, float *d_left, cudaStream_t stream)
 {
     const unsigned tiles = (unsigned)triangle((size_t)inverse->tiles, 0);
     if (count > 1) product_kernel<true><<<tiles, THREADS, 0, stream>>>(*inverse, d_skip, count, stride, d_right);
@@ -273,13 +272,13 @@ extern "C" pliant_status pliant_cuda_inverse_apply_all(const gpu_inverse *invers
     return CUDA_LAUNCHED("sum_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const int32_t *d_skip,
-                                                   const float *d_right, float *d_left, cudaStream_t stream)
+pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const int32_t *d_skip, const float *d_right,
+                                        float *d_left, cudaStream_t stream)
 {
     return pliant_cuda_inverse_apply_all(inverse, d_skip, 1, 0, d_right, d_left, stream);
 }
 
-extern "C" size_t pliant_cuda_inverse_parts(const gpu_inverse *inverse)
+size_t pliant_cuda_inverse_parts(const gpu_inverse *inverse)
 {
     return (size_t)inverse->tiles * TILE * (size_t)inverse->tiles;
 }
@@ -299,8 +298,8 @@ static __global__ void __launch_bounds__(THREADS)
     if (n < inverse.size) d_column[stride * (size_t)(which[1] + axis) + n] = entry(inverse, n, 3 * which[0] + axis);
 }
 
-extern "C" pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse, int32_t count, const int32_t *d_which,
-                                                     size_t stride, float *d_column, cudaStream_t stream)
+pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse, int32_t count, const int32_t *d_which,
+                                          size_t stride, float *d_column, cudaStream_t stream)
 {
     const unsigned blocks = blocks_for(inverse->size, THREADS);
     column_kernel<<<dim3(blocks, 3 * (unsigned)count), THREADS, 0, stream>>>(*inverse, d_which, stride, d_column);
@@ -345,8 +344,8 @@ static __global__ void __launch_bounds__(RESPONSE_ROWS)
             turn[0] * sums[d][base] + turn[1] * sums[d][base + 1] + turn[2] * sums[d][base + 2];
 }
 
-extern "C" pliant_status pliant_cuda_inverse_response(const gpu_inverse *inverse, const gpu_iteration *iteration,
-                                                      const gpu_tool *tool, double *d_response, cudaStream_t stream)
+pliant_status pliant_cuda_inverse_response(const gpu_inverse *inverse, const gpu_iteration *iteration,
+                                           const gpu_tool *tool, double *d_response, cudaStream_t stream)
 {
     unsigned blocks = (unsigned)((inverse->size + RESPONSE_ROWS - 1) / RESPONSE_ROWS);
     response_kernel<<<blocks, RESPONSE_ROWS, 0, stream>>>(*inverse, *iteration, *tool, d_response);

@@ -6,10 +6,6 @@
 
 #include "cuda/fem/solver_state.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { INVERSE_TILE = 128, INVERSE_SWEEP = 64 };
 
 /* Symmetric sweeps over a matrix in double precision. Tiles have INVERSE_SWEEP unknowns; the lower triangle of tiles is
@@ -65,7 +61,4 @@ pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse, int32_t co
 pliant_status pliant_cuda_inverse_response(const gpu_inverse *inverse, const gpu_iteration *iteration,
                                            const gpu_tool *tool, double *d_response, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -151,8 +151,8 @@ static pliant_status find_levels(const pliant_system *system, int32_t largest, p
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t largest, cudaStream_t stream,
-                                                      gpu_multigrid **out)
+pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t largest, cudaStream_t stream,
+                                           gpu_multigrid **out)
 {
     pliant_hierarchy *hierarchy = nullptr;
     *out = nullptr;
@@ -170,7 +170,7 @@ extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *syste
     return PLIANT_OK;
 }
 
-extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
+void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
 {
     if (!multigrid) return;
     for (grid_level &level : multigrid->level) {
@@ -183,7 +183,7 @@ extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
     pliant_free(multigrid);
 }
 
-extern "C" size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid) { return multigrid->bytes; }
+size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid) { return multigrid->bytes; }
 
 /* ---- The cycle, for one vector, or for several by the blocks' second index. Eight threads per node divide the blocks
  * of its row. */
@@ -344,8 +344,8 @@ static pliant_status cycle(int num_levels, const grid_level *levels, const gpu_i
     return CUDA_LAUNCHED("smooth_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip,
-                                                     const float *d_right, float *d_left, cudaStream_t stream)
+pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right,
+                                          float *d_left, cudaStream_t stream)
 {
     return cycle(multigrid->num_levels, multigrid->level, &multigrid->inverse, 0, d_skip, 1, d_right, d_left, stream);
 }
@@ -404,8 +404,8 @@ static __global__ void __launch_bounds__(THREADS)
             d_from[from_stride * (size_t)vector + n];
 }
 
-extern "C" pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which,
-                                                       size_t stride, float *d_column, cudaStream_t stream)
+pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which,
+                                            size_t stride, float *d_column, cudaStream_t stream)
 {
     CUDA_TRY(make_wide(multigrid, stream));
     const wide_capacity *wide = &multigrid->wide;

@@ -6,10 +6,6 @@
 #include "fem/system.h"
 #include "cuda/fem/linear/inverse.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct gpu_multigrid gpu_multigrid;
 
 /* Create the multigrid of the rest state.
@@ -27,7 +23,4 @@ pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const 
 pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which,
                                             size_t stride, float *d_column, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

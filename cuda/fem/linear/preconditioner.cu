@@ -62,9 +62,8 @@ static pliant_status create(const pliant_system *system, pliant_preconditioner_c
     return create_inverse(system, stream, out);
 }
 
-extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *system,
-                                                           pliant_preconditioner_choice choice, cudaStream_t stream,
-                                                           gpu_preconditioner *out)
+pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice,
+                                                cudaStream_t stream, gpu_preconditioner *out)
 {
     memset(out, 0, sizeof *out);
     const pliant_status status = create(system, choice, stream, out);
@@ -72,7 +71,7 @@ extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *
     return status;
 }
 
-extern "C" void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner)
+void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner)
 {
     pliant_cuda_inverse_free(&preconditioner->inverse);
     pliant_cuda_multigrid_free(preconditioner->multigrid);
@@ -102,8 +101,8 @@ static pliant_status apply(const gpu_preconditioner *preconditioner, const int32
     return pliant_cuda_carried_extend(carried, d_skip, iteration->d_left, stream);
 }
 
-extern "C" pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner,
-                                                  const gpu_iteration *iteration, cudaStream_t stream)
+pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
+                                       cudaStream_t stream)
 {
     return apply(preconditioner, &iteration->d_state->skips, iteration, stream);
 }
@@ -130,8 +129,8 @@ static __global__ void __launch_bounds__(THREADS) turn_left_kernel(gpu_iteration
         d_out[3 * (size_t)node + r] = turn[3 * r] * left[0] + turn[3 * r + 1] * left[1] + turn[3 * r + 2] * left[2];
 }
 
-extern "C" pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
-                                             const gpu_tool *tool, double *d_response, cudaStream_t stream)
+pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
+                                  const gpu_tool *tool, double *d_response, cudaStream_t stream)
 {
     if (!preconditioner->multigrid && preconditioner->carried.base_free == 0)
         return pliant_cuda_inverse_response(&preconditioner->inverse, iteration, tool, d_response, stream);
@@ -154,9 +153,9 @@ static __global__ void unit_kernel(float *d_right, int clear, int set)
     d_right[set] = 1;
 }
 
-extern "C" pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
-                                             int32_t count, const int32_t *h_which, const int32_t *d_which,
-                                             size_t stride, float *d_column, cudaStream_t stream)
+pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
+                                  int32_t count, const int32_t *h_which, const int32_t *d_which, size_t stride,
+                                  float *d_column, cudaStream_t stream)
 {
     if (!preconditioner->multigrid && preconditioner->carried.base_free == 0)
         return pliant_cuda_inverse_columns(&preconditioner->inverse, count, d_which, stride, d_column, stream);

@@ -6,10 +6,6 @@
 #include "fem/linear/carried_preconditioner.h"
 #include "cuda/fem/linear/multigrid.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct gpu_preconditioner {
     gpu_inverse inverse;
     gpu_multigrid *multigrid; /* NULL: the inverse is used */
@@ -41,7 +37,4 @@ pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, cons
                                   int32_t count, const int32_t *h_which, const int32_t *d_which, size_t stride,
                                   float *d_column, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -101,17 +101,11 @@ static __global__ void __launch_bounds__(THREADS)
         for (int c = 0; c < 4; c++) tile[SWEEP * (4 * y + r) + 4 * x + c] -= sum[r][c];
 }
 
-extern "C" size_t pliant_cuda_sweep_bytes(int32_t tiles)
-{
-    return triangle((size_t)tiles, 0) * SWEEP_TILE * sizeof(double);
-}
-extern "C" size_t pliant_cuda_sweep_buffer_bytes(int32_t tiles)
-{
-    return (2 * (size_t)tiles + 1) * SWEEP_TILE * sizeof(double);
-}
+size_t pliant_cuda_sweep_bytes(int32_t tiles) { return triangle((size_t)tiles, 0) * SWEEP_TILE * sizeof(double); }
+size_t pliant_cuda_sweep_buffer_bytes(int32_t tiles) { return (2 * (size_t)tiles + 1) * SWEEP_TILE * sizeof(double); }
 
-extern "C" pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double fraction,
-                                           int32_t pivots, int32_t tiles, cudaStream_t stream)
+pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double fraction, int32_t pivots,
+                                int32_t tiles, cudaStream_t stream)
 {
     double *d_old = sweep->d_buffer, *d_panel = d_old + (size_t)SWEEP_TILE * (size_t)tiles,
            *d_pivot = d_panel + (size_t)SWEEP_TILE * (size_t)tiles;

@@ -428,19 +428,15 @@ static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration ite
 
 /* ---- Kernel launches. */
 
-extern "C" int pliant_cuda_dot_blocks(const gpu_iteration *iteration)
-{
-    return (iteration->num_free + NODES - 1) / NODES;
-}
+int pliant_cuda_dot_blocks(const gpu_iteration *iteration) { return (iteration->num_free + NODES - 1) / NODES; }
 
-extern "C" pliant_status pliant_cuda_begin(const gpu_iteration *iteration, const gpu_step *step, cudaStream_t stream)
+pliant_status pliant_cuda_begin(const gpu_iteration *iteration, const gpu_step *step, cudaStream_t stream)
 {
     begin_kernel<<<1, THREADS, 0, stream>>>(*iteration, *step);
     return CUDA_LAUNCHED("begin_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_complete(const gpu_iteration *iteration, bool known, int gather_blocks,
-                                              cudaStream_t stream)
+pliant_status pliant_cuda_complete(const gpu_iteration *iteration, bool known, int gather_blocks, cudaStream_t stream)
 {
     const unsigned blocks = (unsigned)pliant_cuda_dot_blocks(iteration);
     if (known) complete_kernel<true><<<blocks, NODES, 0, stream>>>(*iteration, gather_blocks);
@@ -448,7 +444,7 @@ extern "C" pliant_status pliant_cuda_complete(const gpu_iteration *iteration, bo
     return CUDA_LAUNCHED("complete_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_propose(const gpu_iteration *iteration, cudaStream_t stream)
+pliant_status pliant_cuda_propose(const gpu_iteration *iteration, cudaStream_t stream)
 {
     propose_kernel<<<(unsigned)pliant_cuda_dot_blocks(iteration), NODES, 0, stream>>>(*iteration);
     return CUDA_LAUNCHED("propose_kernel");

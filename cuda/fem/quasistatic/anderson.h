@@ -4,10 +4,6 @@
 
 #include "cuda/fem/solver_state.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Return the number of blocks of the dot products. */
 int pliant_cuda_dot_blocks(const gpu_iteration *iteration);
 
@@ -22,7 +18,4 @@ pliant_status pliant_cuda_complete(const gpu_iteration *iteration, bool known, i
 pliant_status pliant_cuda_decide(const gpu_iteration *iteration, int gather_blocks, cudaStream_t stream);
 pliant_status pliant_cuda_propose(const gpu_iteration *iteration, cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

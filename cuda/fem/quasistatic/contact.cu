@@ -13,7 +13,7 @@
 #include <cstddef>
 #include <cstring>
 
-extern "C" void pliant_cuda_contacts_free(gpu_contacts *contacts)
+void pliant_cuda_contacts_free(gpu_contacts *contacts)
 {
     pliant_cuda_compliance_free(&contacts->blocks);
     for (int b = 0; b < CONTACT_BLOCKS; b++) {
@@ -364,7 +364,7 @@ static bool fits_one_block(const gpu_contacts *contacts, const pliant_contact_pr
     return 3 * pressing <= PLIANT_CONE_MAX_ROWS && view->count + view->num_springs <= CONTACT_MAX_POINTS;
 }
 
-extern "C" pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)
+pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)
 {
     const gpu_contact_view *view = &gpu->contacts.view;
     const int32_t maximum = step->max_evaluations + 4; /* as in a step without contact */
@@ -376,7 +376,7 @@ extern "C" pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, plian
     return on_gpu ? run_on_gpu(gpu, solver, maximum) : run_with_host(gpu, solver, maximum);
 }
 
-extern "C" const double *pliant_cuda_contacts_motion(const gpu_contacts *contacts)
+const double *pliant_cuda_contacts_motion(const gpu_contacts *contacts)
 {
     return static_cast<const double *>(contacts->h_block[CONTACT_RESULTS]);
 }

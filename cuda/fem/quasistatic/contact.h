@@ -7,10 +7,6 @@
 #include "cuda/fem/linear/compliance.h"
 #include "fem/quasistatic/contact.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* The contact points of a step, as kernels read them. */
 typedef struct gpu_contact_view {
     int32_t count, num_weights, num_slots, num_springs; /* slots: unknowns moved by points */
@@ -59,7 +55,4 @@ pliant_status pliant_cuda_contacts_run(struct pliant_cuda_solver *gpu, pliant_so
 /* Return the final motion of the points (pliant_contact_problem_report_motion). */
 const double *pliant_cuda_contacts_motion(const gpu_contacts *contacts);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -334,8 +334,8 @@ static __global__ void __launch_bounds__(LANES_OF_STEP *GROUPS)
 
 /* ---- Kernel launches. */
 
-extern "C" pliant_status pliant_cuda_contact_begin(const gpu_contact_view *view, const gpu_iteration *iteration,
-                                                   cudaStream_t stream)
+pliant_status pliant_cuda_contact_begin(const gpu_contact_view *view, const gpu_iteration *iteration,
+                                        cudaStream_t stream)
 {
     const unsigned pairs = blocks_for(view->count, PAIRS);
     if (view->num_weights > 0) { /* otherwise only pieces are in contact */
@@ -349,30 +349,30 @@ extern "C" pliant_status pliant_cuda_contact_begin(const gpu_contact_view *view,
     return CUDA_LAUNCHED("spring_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_contact_load(const gpu_contact_view *d_view, const gpu_iteration *iteration,
-                                                  cudaStream_t stream)
+pliant_status pliant_cuda_contact_load(const gpu_contact_view *d_view, const gpu_iteration *iteration,
+                                       cudaStream_t stream)
 {
     load_kernel<<<1, ONE_BLOCK, 0, stream>>>(d_view, *iteration);
     return CUDA_LAUNCHED("load_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_contact_measure(const gpu_contact_view *view, const gpu_iteration *iteration,
-                                                     cudaStream_t stream)
+pliant_status pliant_cuda_contact_measure(const gpu_contact_view *view, const gpu_iteration *iteration,
+                                          cudaStream_t stream)
 {
     measure_kernel<<<blocks_for(32 * (view->count + view->num_springs), THREADS), THREADS, 0, stream>>>(*view,
                                                                                                         *iteration);
     return CUDA_LAUNCHED("measure_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_contact_pull(const gpu_contact_view *view, const gpu_iteration *iteration,
-                                                  cudaStream_t stream)
+pliant_status pliant_cuda_contact_pull(const gpu_contact_view *view, const gpu_iteration *iteration,
+                                       cudaStream_t stream)
 {
     pull_kernel<<<1, ONE_BLOCK, 0, stream>>>(*view, *iteration);
     return CUDA_LAUNCHED("pull_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_contact_push(const gpu_contact_view *d_view, const gpu_iteration *iteration,
-                                                  cudaStream_t stream)
+pliant_status pliant_cuda_contact_push(const gpu_contact_view *d_view, const gpu_iteration *iteration,
+                                       cudaStream_t stream)
 {
     push_kernel<<<blocks_for(3 * iteration->num_free, LANES_OF_STEP), dim3(LANES_OF_STEP, GROUPS), 0, stream>>>(
         d_view, *iteration);
@@ -381,7 +381,7 @@ extern "C" pliant_status pliant_cuda_contact_push(const gpu_contact_view *d_view
 
 static_assert(CONE_DOUBLES * CONTACT_MAX_POINTS * sizeof(double) < 48 << 10, "every GPU has this shared memory");
 
-extern "C" pliant_status pliant_cuda_contact_cones_memory(int32_t *bytes)
+pliant_status pliant_cuda_contact_cones_memory(int32_t *bytes)
 {
     int device = 0, maximum = 0;
     cudaFuncAttributes own;
@@ -393,8 +393,8 @@ extern "C" pliant_status pliant_cuda_contact_cones_memory(int32_t *bytes)
     return CUDA_CALL(cudaFuncSetAttribute(cones_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, maximum));
 }
 
-extern "C" pliant_status pliant_cuda_contact_cones(const gpu_contact_view *d_view, const gpu_iteration *iteration,
-                                                   int32_t bytes, cudaStream_t stream)
+pliant_status pliant_cuda_contact_cones(const gpu_contact_view *d_view, const gpu_iteration *iteration, int32_t bytes,
+                                        cudaStream_t stream)
 {
     cones_kernel<<<1, CONE_THREADS, (size_t)bytes, stream>>>(d_view, *iteration, bytes);
     return CUDA_LAUNCHED("cones_kernel");

@@ -4,10 +4,6 @@
 
 #include "cuda/fem/quasistatic/contact.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Maximum number of points and springs for which one block computes the forces. It has the shared memory for them; for
  * more points the host is faster (src/contact/NUMERICS.md). */
 enum { CONTACT_MAX_POINTS = 128 };
@@ -33,7 +29,4 @@ pliant_status pliant_cuda_contact_pull(const gpu_contact_view *view, const gpu_i
 pliant_status pliant_cuda_contact_push(const gpu_contact_view *d_view, const gpu_iteration *iteration,
                                        cudaStream_t stream);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -196,7 +196,7 @@ static __global__ void __launch_bounds__(DECIDERS)
     copy(now.state, *iteration.d_state);
 }
 
-extern "C" pliant_status pliant_cuda_decide(const gpu_iteration *iteration, int gather_blocks, cudaStream_t stream)
+pliant_status pliant_cuda_decide(const gpu_iteration *iteration, int gather_blocks, cudaStream_t stream)
 {
     decide_kernel<<<1, DECIDERS, 0, stream>>>(*iteration, gather_blocks, pliant_cuda_dot_blocks(iteration));
     return CUDA_LAUNCHED("decide_kernel");

@@ -28,10 +28,7 @@ static pliant_status enqueue(pliant_cuda_solver *gpu, bool known)
     return enqueue_judge(gpu, known);
 }
 
-extern "C" pliant_status pliant_cuda_solver_evaluate_rest(const pliant_cuda_solver *gpu)
-{
-    return enqueue_judge(gpu, false);
-}
+pliant_status pliant_cuda_solver_evaluate_rest(const pliant_cuda_solver *gpu) { return enqueue_judge(gpu, false); }
 
 static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
 {
@@ -51,17 +48,17 @@ static pliant_status launch(pliant_cuda_solver *gpu, pliant_status (*enqueue_par
     return CUDA_CALL(cudaGraphLaunch(*part, gpu->stream));
 }
 
-extern "C" pliant_status pliant_cuda_solver_free_step(pliant_cuda_solver *gpu)
+pliant_status pliant_cuda_solver_free_step(pliant_cuda_solver *gpu)
 {
     return gpu->preconditioner.multigrid ? launch(gpu, enqueue_look, &gpu->free_step_graph) : enqueue_look(gpu);
 }
 
-extern "C" pliant_status pliant_cuda_solver_evaluate_contacts(pliant_cuda_solver *gpu)
+pliant_status pliant_cuda_solver_evaluate_contacts(pliant_cuda_solver *gpu)
 {
     return launch(gpu, enqueue_touching, &gpu->contact_graph);
 }
 
-extern "C" pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known)
+pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known)
 {
     if (known || !gpu->preconditioner.multigrid) return enqueue(gpu, known);
     return CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream));
@@ -91,7 +88,7 @@ static bool update(cudaGraphExec_t evaluation, cudaGraph_t graph)
     return updated;
 }
 
-extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
+pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
 {
     cudaGraph_t graph = nullptr;
     if (gpu->free_step_graph) cudaGraphExecDestroy(gpu->free_step_graph);

@@ -210,7 +210,7 @@ static size_t newton_bytes(const gpu_iteration *it)
     return (NEWTON_SUMS * (size_t)((it->num_free + THREADS - 1) / THREADS) + GPU_ROWS * GPU_ROWS) * sizeof(double);
 }
 
-extern "C" pliant_status pliant_cuda_solver_newton_reserve(pliant_cuda_solver *gpu)
+pliant_status pliant_cuda_solver_newton_reserve(pliant_cuda_solver *gpu)
 {
     const size_t bytes = newton_bytes(&gpu->iteration);
     if (gpu->newton_capacity >= bytes) return PLIANT_OK;
@@ -495,14 +495,14 @@ static pliant_status take_step(const opening *work)
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_newton_load_kernels(void)
+pliant_status pliant_cuda_newton_load_kernels(void)
 {
     return pliant_cuda_load_kernels(open_kernel<RESIDUAL>, open_kernel<PRODUCT>, open_kernel<SLOPE>, open_place_kernel,
                                     open_advance_kernel, open_step_kernel, open_combine_kernel, open_longest_kernel);
 }
 
-extern "C" pliant_status pliant_cuda_solver_newton_step(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step,
-                                                        int32_t *evaluations)
+pliant_status pliant_cuda_solver_newton_step(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step,
+                                             int32_t *evaluations)
 {
     opening work = {};
     bool prescribed = false, regular;

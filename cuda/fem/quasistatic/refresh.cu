@@ -137,8 +137,8 @@ static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solve
     return pliant_cuda_solver_record(gpu);
 }
 
-extern "C" pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
-                                                  pliant_statistics *statistics, bool *renewed)
+pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                       pliant_statistics *statistics, bool *renewed)
 {
     const gpu_refresh *refresh = gpu->refresh;
     if (refresh && refresh->running &&
@@ -149,8 +149,7 @@ extern "C" pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const
     return wanted && !(refresh && refresh->running) ? start(gpu, solver, statistics->step) : PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes,
-                                                            const int32_t *node)
+pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node)
 {
     gpu_refresh *refresh = gpu->refresh;
     if (!refresh || !refresh->running) return PLIANT_OK;
@@ -163,7 +162,7 @@ extern "C" pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *
     return PLIANT_OK;
 }
 
-extern "C" void pliant_cuda_refresh_free(pliant_cuda_solver *gpu)
+void pliant_cuda_refresh_free(pliant_cuda_solver *gpu)
 {
     gpu_refresh *refresh = gpu->refresh;
     if (!refresh) return;

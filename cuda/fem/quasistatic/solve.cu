@@ -31,9 +31,8 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     return pliant_cuda_solver_restart(gpu, solver);
 }
 
-extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice,
-                                                   bool grows, int device, cudaStream_t stream,
-                                                   pliant_cuda_solver **out)
+pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, bool grows,
+                                        int device, cudaStream_t stream, pliant_cuda_solver **out)
 {
     pliant_cuda_solver *gpu = static_cast<pliant_cuda_solver *>(pliant_calloc(1, sizeof *gpu));
     if (!gpu) return pliant_fail_memory("the solver");
@@ -50,7 +49,7 @@ extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, 
     return PLIANT_OK;
 }
 
-extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
+void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
 {
     if (!gpu) return;
     pliant_cuda_refresh_free(gpu);
@@ -71,7 +70,7 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     pliant_free(gpu);
 }
 
-extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_solver *solver)
+pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
     gpu->in_use.number++;
@@ -86,7 +85,7 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
+pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
@@ -98,7 +97,7 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
-extern "C" pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver)
+pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     gpu->in_use.evaluations =
@@ -330,8 +329,8 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
 
 /* After an error, restore the tools' forces and the flag of the step after a cut. The host continues from the state
  * before. */
-extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver,
-                                                 const double gravity[3], pliant_statistics *statistics)
+pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3],
+                                      pliant_statistics *statistics)
 {
     const bool was_after_cut = solver->is_after_cut;
     double force[PLIANT_MAX_TOOLS][3];
@@ -343,14 +342,14 @@ extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant
     return status;
 }
 
-extern "C" pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions)
+pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions)
 {
     CUDA_TRY(pliant_cuda_upsample(&gpu->system, &gpu->iteration, gpu->d_fine, gpu->d_solved, gpu->stream));
     *d_positions = gpu->d_fine;
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, const double **h_solved)
+pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, const double **h_solved)
 {
     *h_solved = gpu->h_solved;
     if (!gpu->h_solved) return PLIANT_OK;
@@ -358,7 +357,7 @@ extern "C" pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, co
     return CUDA_CALL(cudaMemcpyAsync(gpu->h_solved, gpu->d_solved, bytes, cudaMemcpyDeviceToHost, gpu->stream));
 }
 
-extern "C" pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine)
+pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine)
 {
     const size_t bytes = 3 * (size_t)gpu->system.num_fine * sizeof(double);
     return pliant_cuda_send(h_fine, bytes, gpu->d_fine, gpu->stream);

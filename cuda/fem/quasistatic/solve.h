@@ -7,10 +7,6 @@
 
 #include <cuda_runtime_api.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pliant_cuda_solver pliant_cuda_solver;
 
 /* Create the GPU solver from the present state of the host's solver. Errors: MEMORY, NUMERIC, UNAVAILABLE; the message
@@ -41,7 +37,4 @@ pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, const double 
 /* Enqueue a replacement of the last upsampling's fine positions (fine nodes x 3). */
 pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

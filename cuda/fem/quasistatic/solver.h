@@ -8,10 +8,6 @@
 #include "cuda/fem/system.h"
 #include "cuda/fem/quasistatic/contact.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct gpu_tool_arrays {
     int32_t *d_unknown;
     double *d_block, *d_response;
@@ -93,7 +89,4 @@ pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const pliant_sol
 pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
 void pliant_cuda_refresh_free(pliant_cuda_solver *gpu); /* waits for the background */
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -45,9 +45,8 @@ static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver,
                                    &preconditioner->carried, &preconditioner->capacity, possible);
 }
 
-extern "C" pliant_status pliant_cuda_solver_carry_over_cut(pliant_cuda_solver *gpu, const pliant_solver *solver,
-                                                           const pliant_solver *before, const int32_t *node,
-                                                           bool *possible)
+pliant_status pliant_cuda_solver_carry_over_cut(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                                const pliant_solver *before, const int32_t *node, bool *possible)
 {
     const pliant_system *system = solver->system;
     *possible = system->macros ? !system->macros->fine_start : !before->system->macros;

@@ -21,7 +21,7 @@ static size_t count_of_rotations(const gpu_system *system)
     return 16 * (size_t)(system->macros.count == 0 ? system->num_tets : system->macros.count);
 }
 
-extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver)
+pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     gpu_iteration *it = &gpu->iteration;
     const gpu_system *system = &gpu->system;
