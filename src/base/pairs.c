@@ -10,6 +10,13 @@ int pliant_pair_order(const void *a, const void *b)
     return i[1] < j[1] ? -1 : i[1] > j[1];
 }
 
+int pliant_triple_order(const void *a, const void *b)
+{
+    const int32_t *i = a, *j = b;
+    const int order = pliant_pair_order(a, b);
+    return order != 0 ? order : i[2] < j[2] ? -1 : i[2] > j[2];
+}
+
 int32_t pliant_pairs_sort(int32_t *pair, int32_t count)
 {
     int32_t kept = 0;

@@ -3,6 +3,7 @@
 #include "base/fail.h"
 #include "base/median.h"
 #include "base/memory.h"
+#include "base/pairs.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -15,14 +16,6 @@ enum { LEAF = 2 };
 typedef struct claim {
     int32_t a, b, triangle, k;
 } claim; /* of an edge; for a node, b is -1 */
-
-static int compare_claims(const void *left, const void *right)
-{
-    const claim *p = left, *q = right;
-    if (p->a != q->a) return p->a < q->a ? -1 : 1;
-    if (p->b != q->b) return p->b < q->b ? -1 : 1;
-    return p->triangle < q->triangle ? -1 : p->triangle > q->triangle;
-}
 
 /* The first triangle with a node or edge owns it. */
 static bool find_owners(pliant_advance_tree *tree)
@@ -37,7 +30,7 @@ static bool find_owners(pliant_advance_tree *tree)
             all[6 * (size_t)t + (size_t)k] = (claim){a, -1, t, k};
             all[6 * (size_t)t + 3 + (size_t)k] = (claim){a < b ? a : b, a < b ? b : a, t, k};
         }
-    qsort(all, count, sizeof *all, compare_claims);
+    qsort(all, count, sizeof *all, pliant_triple_order);
     memset(tree->owns, 0, (size_t)tree->num_triangles);
     for (size_t n = 0; n < count; n++)
         if (n == 0 || all[n].a != all[n - 1].a || all[n].b != all[n - 1].b)

@@ -7,6 +7,7 @@
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"
 #include "base/memory.h"
+#include "base/pairs.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -20,14 +21,6 @@ typedef struct parting {
     int32_t tet[2], number;
     double middle[3], towards[3]; /* position at rest [m]; normal to tet[0], times the link's area [m^2] */
 } parting;
-
-static int compare_partings(const void *a, const void *b)
-{
-    const parting *x = a, *y = b;
-    for (int k = 0; k < 2; k++)
-        if (x->tet[k] != y->tet[k]) return x->tet[k] < y->tet[k] ? -1 : 1;
-    return (x->number > y->number) - (x->number < y->number);
-}
 
 static bool has_tissue(const pliant_voxels *voxels, int32_t voxel)
 {
@@ -184,7 +177,7 @@ pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, i
     if (!list) return pliant_fail_memory("the faces of a cut");
     int32_t found = 0;
     for (int32_t n = 0; n < links; n++) found += find_parting(body, n, list + found);
-    if (found > 0) qsort(list, (size_t)found, sizeof *list, compare_partings);
+    if (found > 0) qsort(list, (size_t)found, sizeof *list, pliant_triple_order);
     pliant_status status = make_faces(body, list, found, out, count);
     pliant_free(list);
     return status;

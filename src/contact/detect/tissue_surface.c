@@ -3,6 +3,7 @@
 
 #include "base/fail.h"
 #include "base/memory.h"
+#include "base/pairs.h"
 #include "contact/advance/advance.h"
 #include "contact/detect/tissue_rules.h"
 #include "mesh/faces.h"
@@ -156,14 +157,6 @@ static pliant_status find_surface_triangles(pliant_tissue *tissue)
 
 typedef struct half_edge { int32_t low, high, triangle; } half_edge; /* 3 times the triangle's number plus the edge */
 
-static int compare_edges(const void *a, const void *b)
-{
-    const half_edge *x = a, *y = b;
-    if (x->low != y->low) return x->low < y->low ? -1 : 1;
-    if (x->high != y->high) return x->high < y->high ? -1 : 1;
-    return (x->triangle > y->triangle) - (x->triangle < y->triangle);
-}
-
 static pliant_status find_nodes(pliant_tissue *tissue)
 {
     const size_t corners = 3 * (size_t)tissue->num_triangles;
@@ -231,7 +224,7 @@ static pliant_status find_sides(pliant_tissue *tissue)
         const int32_t a = tissue->triangle[i / 3].node[i % 3], b = tissue->triangle[i / 3].node[(i + 1) % 3];
         edge[i] = (half_edge){a < b ? a : b, a < b ? b : a, (int32_t)i};
     }
-    qsort(edge, count, sizeof *edge, compare_edges);
+    qsort(edge, count, sizeof *edge, pliant_triple_order);
     for (int pass = 0; pass < 2; pass++) {
         for (size_t i = 0; i < count; i++) {
             const bool again = i > 0 && edge[i].low == edge[i - 1].low && edge[i].high == edge[i - 1].high;

@@ -2,6 +2,7 @@
 
 #include "base/fail.h"
 #include "base/memory.h"
+#include "base/pairs.h"
 #include "contact/shapes/tool_shape.h"
 
 #include <math.h>
@@ -148,12 +149,6 @@ static pliant_status leave_points_out(surface *of)
 /* An edge of one triangle: lower node, higher node, and its direction. */
 typedef struct half_edge { int32_t low, high, up; } half_edge;
 
-static int compare_edges(const void *a, const void *b)
-{
-    const half_edge *x = a, *y = b;
-    return x->low != y->low ? (x->low > y->low) - (x->low < y->low) : (x->high > y->high) - (x->high < y->high);
-}
-
 static pliant_status complain(const surface *of, const half_edge *edge, int32_t bad, int32_t edges, bool open)
 {
     const double *a = of->points + 3 * (size_t)edge->low, *b = of->points + 3 * (size_t)edge->high;
@@ -181,10 +176,10 @@ static pliant_status check_closed(const surface *of)
         const int32_t a = of->triangles[c], b = of->triangles[c % 3 == 2 ? c - 2 : c + 1];
         edge[c] = a < b ? (half_edge){a, b, 1} : (half_edge){b, a, -1};
     }
-    qsort(edge, count, sizeof *edge, compare_edges);
+    qsort(edge, count, sizeof *edge, pliant_pair_order);
     for (size_t c = 0, end; c < count; c = end, edges++) {
         int32_t sum = 0;
-        for (end = c; end < count && compare_edges(edge + c, edge + end) == 0; end++) sum += edge[end].up;
+        for (end = c; end < count && pliant_pair_order(edge + c, edge + end) == 0; end++) sum += edge[end].up;
         if (sum == 0) continue;
         const bool is_open = (end - c) % 2;
         if (bad == 0 || (is_open && open == 0)) first = edge[c];

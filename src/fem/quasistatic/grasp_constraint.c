@@ -2,6 +2,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "base/matrix.h"
+#include "base/pairs.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
 
@@ -104,13 +105,6 @@ typedef struct held_unknown {
     double weight;
 } held_unknown;
 
-static int by_unknown(const void *a, const void *b)
-{
-    const held_unknown *i = a, *j = b;
-    if (i->unknown != j->unknown) return i->unknown < j->unknown ? -1 : 1;
-    return i->order < j->order ? -1 : i->order > j->order;
-}
-
 static pliant_status hold_nodes(const pliant_system *system, int32_t count, const int32_t *nodes, const double *weights,
                                 pliant_grasp_constraint *grasp)
 {
@@ -120,7 +114,7 @@ static pliant_status hold_nodes(const pliant_system *system, int32_t count, cons
     for (int32_t h = 0; h < count; h++)
         if (system->free_of_node[nodes[h]] >= 0)
             list[listed++] = (held_unknown){system->free_of_node[nodes[h]], h, weights[h]};
-    qsort(list, (size_t)listed, sizeof *list, by_unknown);
+    qsort(list, (size_t)listed, sizeof *list, pliant_pair_order);
     for (int32_t i = 0; i < listed;) {
         held_unknown one = {list[i].unknown, 0, 0};
         for (; i < listed && list[i].unknown == one.unknown; i++) one.weight += list[i].weight;
