@@ -1,4 +1,4 @@
-#include "sim/build/automatic_lengths.h"
+#include "sim/build/build_stages.h"
 
 #include "base/fail.h"
 #include "base/memory.h"

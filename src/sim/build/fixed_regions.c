@@ -1,4 +1,4 @@
-#include "sim/build/fixed_regions.h"
+#include "sim/build/build_stages.h"
 
 #include "base/fail.h"
 #include "base/memory.h"

@@ -1,5 +1,5 @@
 /* Read the fine mesh from a file. */
-#include "sim/build/mesh_from_file.h"
+#include "sim/build/build_stages.h"
 
 #include "base/fail.h"
 #include "material/material.h"

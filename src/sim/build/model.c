@@ -11,13 +11,10 @@
 #include "mesh/mesh.h"
 #include "scene/scene.h"
 #include "sim/build/discretization.h"
-#include "sim/build/mesh_from_file.h"
+#include "sim/build/build_stages.h"
 #include "scene/elements.h"
 #include "scene/options.h"
-#include "sim/build/fixed_regions.h"
-#include "sim/build/automatic_lengths.h"
 #include "sim/build/model.h"
-#include "sim/build/sliding_organs.h"
 #include "warp/hide_materials.h"
 
 #include <string.h>

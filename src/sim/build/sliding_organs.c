@@ -1,4 +1,4 @@
-#include "sim/build/sliding_organs.h"
+#include "sim/build/build_stages.h"
 
 #include "base/fail.h"
 #include "topology/links.h"
