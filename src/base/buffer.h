@@ -33,6 +33,8 @@ bool pliant_next_difference(const void *now, const void *before, size_t bytes, s
 /* Resize the block of a pointer as pliant_resize. array: address of the pointer. Return false if out of memory; the
  * block is then unchanged. */
 bool pliant_grow(void *array, size_t count, size_t size);
+/* Grow the block of a pointer as pliant_grow, unless it has memory for `count` elements. */
+bool pliant_ensure(void *array, size_t count, size_t size);
 /* Reserve memory for one more element after the first `count`. If the array is full, its capacity becomes the double,
  * or `first` for an empty array. array: address of the pointer. Return false if out of memory; array and capacity are
  * then unchanged. */

@@ -417,6 +417,13 @@ bool pliant_grow(void *array, size_t number, size_t size)
     return true;
 }
 
+bool pliant_ensure(void *array, size_t number, size_t size)
+{
+    const void *block;
+    memcpy(&block, array, sizeof block);
+    return number == 0 || (block && number <= header_of(block)->bytes / size) || pliant_grow(array, number, size);
+}
+
 bool pliant_reserve(void *array, int32_t *capacity, int32_t count, int32_t first, size_t size)
 {
     if (count < *capacity) return true;

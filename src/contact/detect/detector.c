@@ -51,18 +51,13 @@ pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts 
 pliant_status pliant_contact_detector_reserve(pliant_contact_detector *detector, const pliant_body *body)
 {
     const size_t triangles = (size_t)detector->broad.num_near, nodes = (size_t)body->fine.num_nodes;
-    if (body->fine.num_nodes > detector->node_capacity) {
-        if (!pliant_grow(&detector->slot, nodes, sizeof *detector->slot)) return pliant_fail_memory("contacts");
-        detector->node_capacity = body->fine.num_nodes;
-    }
-    if (detector->broad.num_near <= detector->triangle_capacity) return PLIANT_OK;
-    if (!pliant_grow(&detector->triangle, triangles, sizeof *detector->triangle) ||
-        !pliant_grow(&detector->face, triangles, sizeof *detector->face) ||
-        !pliant_grow(&detector->edge, 3 * triangles, sizeof *detector->edge) ||
-        !pliant_grow(&detector->node, 3 * triangles, sizeof *detector->node) ||
-        !pliant_grow(&detector->edge_of, 3 * triangles, sizeof *detector->edge_of) ||
-        !pliant_grow(&detector->order, 3 * triangles, sizeof *detector->order))
-        return pliant_fail_memory("contacts");
-    detector->triangle_capacity = detector->broad.num_near;
-    return PLIANT_OK;
+    return pliant_ensure(&detector->slot, nodes, sizeof *detector->slot) &&
+                   pliant_ensure(&detector->triangle, triangles, sizeof *detector->triangle) &&
+                   pliant_ensure(&detector->face, triangles, sizeof *detector->face) &&
+                   pliant_ensure(&detector->edge, 3 * triangles, sizeof *detector->edge) &&
+                   pliant_ensure(&detector->node, 3 * triangles, sizeof *detector->node) &&
+                   pliant_ensure(&detector->edge_of, 3 * triangles, sizeof *detector->edge_of) &&
+                   pliant_ensure(&detector->order, 3 * triangles, sizeof *detector->order)
+               ? PLIANT_OK
+               : pliant_fail_memory("contacts");
 }

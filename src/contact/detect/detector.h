@@ -18,12 +18,10 @@ typedef struct pliant_feature {
 struct pliant_contact_detector {
     pliant_contact_settings settings;
     pliant_broad broad;
-    int32_t triangle_capacity;
     int32_t *triangle;      /* triangles near a part */
     pliant_feature *face, *edge, *node;
     int32_t *edge_of;       /* (triangles x 3) index of each edge */
     uint64_t *order;        /* (3 x triangles) */
-    int32_t node_capacity;
     int32_t *slot;          /* (fine nodes) index of the node's feature for this part */
     bool has_delayed;       /* a point of the last search is delayed (part_contacts.c) */
 };
@@ -35,7 +33,7 @@ static inline int pliant_compare_keys(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Grow the capacity for the triangles near the parts. Errors: MEMORY. */
+/* Reserve memory for the triangles near the parts. Errors: MEMORY. */
 pliant_status pliant_contact_detector_reserve(pliant_contact_detector *detector, const pliant_body *body);
 
 #endif

@@ -35,18 +35,16 @@ void pliant_impact_zones_free(pliant_impact_zones *zones)
 
 static pliant_status reserve(pliant_impact_zones *zones, size_t nodes)
 {
-    if (nodes <= (size_t)zones->max_nodes) return PLIANT_OK;
-    if (!pliant_grow(&zones->before, 3 * nodes, sizeof *zones->before) ||
-        !pliant_grow(&zones->start, 3 * nodes, sizeof *zones->start) ||
-        !pliant_grow(&zones->wanted[0], 3 * nodes, sizeof *zones->wanted[0]) ||
-        !pliant_grow(&zones->wanted[1], 3 * nodes, sizeof *zones->wanted[1]) ||
-        !pliant_grow(&zones->from, 3 * nodes, sizeof *zones->from) ||
-        !pliant_grow(&zones->to, 3 * nodes, sizeof *zones->to) ||
-        !pliant_grow(&zones->root, nodes, sizeof *zones->root) ||
-        !pliant_grow(&zones->zone, nodes, sizeof *zones->zone))
-        return pliant_fail_memory("the self-contacts of the tissue");
-    zones->max_nodes = (int32_t)nodes;
-    return PLIANT_OK;
+    return pliant_ensure(&zones->before, 3 * nodes, sizeof *zones->before) &&
+                   pliant_ensure(&zones->start, 3 * nodes, sizeof *zones->start) &&
+                   pliant_ensure(&zones->wanted[0], 3 * nodes, sizeof *zones->wanted[0]) &&
+                   pliant_ensure(&zones->wanted[1], 3 * nodes, sizeof *zones->wanted[1]) &&
+                   pliant_ensure(&zones->from, 3 * nodes, sizeof *zones->from) &&
+                   pliant_ensure(&zones->to, 3 * nodes, sizeof *zones->to) &&
+                   pliant_ensure(&zones->root, nodes, sizeof *zones->root) &&
+                   pliant_ensure(&zones->zone, nodes, sizeof *zones->zone)
+               ? PLIANT_OK
+               : pliant_fail_memory("the self-contacts of the tissue");
 }
 
 /* ---- the list of pairs */
@@ -56,11 +54,8 @@ static pliant_status take_pairs(pliant_impact_zones *zones)
 {
     const pliant_advance *advance = zones->tissue->advance;
     const pliant_advance_self self = {.exempt = zones->tissue->exempt, .piece = zones->tissue->piece};
-    if (advance->num_self > zones->max_pairs) {
-        if (!pliant_grow(&zones->pair, (size_t)advance->max_self, sizeof *zones->pair))
-            return pliant_fail_memory("the self-contacts of the tissue");
-        zones->max_pairs = advance->max_self;
-    }
+    if (!pliant_ensure(&zones->pair, (size_t)advance->max_self, sizeof *zones->pair))
+        return pliant_fail_memory("the self-contacts of the tissue");
     zones->num_pairs = 0;
     zones->motion = 0;
     zones->next = INFINITY;

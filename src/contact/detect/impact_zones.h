@@ -40,7 +40,7 @@ typedef struct pliant_impact_zones {
     pliant_tissue_rule rule;
     double motion; /* bound of the motion of two points relative to each other since the pairs were listed [m] */
     double next;   /* smallest slack [m] */
-    int32_t num_pairs, max_pairs, num_blocked, max_blocked, max_nodes;
+    int32_t num_pairs, num_blocked, max_blocked;
     pliant_impact_pair *pair;
     int32_t *blocked;         /* indices into pair */
     double *start;            /* (nodes x 3) displacements when the pairs were listed [m] */

@@ -131,12 +131,9 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     pliant_contact_search *search = data->contact_search;
     const pliant_tissue *tissue = &search->tissue;
     const pliant_mesh *mesh = &data->body->fine;
-    if (mesh->num_nodes > search->node_capacity) {
-        if (!pliant_grow(&search->overlaps, (size_t)mesh->num_nodes, 1) ||
-            !pliant_grow(&search->place, (size_t)mesh->num_nodes, 3 * sizeof *search->place))
-            return pliant_fail_memory("the self-contacts of the tissue");
-        search->node_capacity = mesh->num_nodes;
-    }
+    if (!pliant_ensure(&search->overlaps, (size_t)mesh->num_nodes, 1) ||
+        !pliant_ensure(&search->place, (size_t)mesh->num_nodes, 3 * sizeof *search->place))
+        return pliant_fail_memory("the self-contacts of the tissue");
     pliant_status status = pliant_tissue_overlapping(&search->tissue, data->positions, search->overlaps);
     for (int32_t t = 0; !model->scene.contact.delay && t < tissue->num_tets; t++)
         for (int v = 0; v < 4; v++) search->overlaps[mesh->tets[4 * (size_t)tissue->tet[t] + (size_t)v]] = 1;

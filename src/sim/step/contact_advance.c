@@ -52,11 +52,8 @@ pliant_status pliant_contact_keep_surface(const pliant_model *model, pliant_cont
                                           const pliant_body *body, const double *positions)
 {
     const int32_t nodes = body->fine.num_nodes;
-    if (nodes > search->surface_capacity) {
-        if (!pliant_grow(&search->surface, (size_t)nodes, 3 * sizeof *search->surface))
-            return pliant_fail_memory("contacts");
-        search->surface_capacity = nodes;
-    }
+    if (!pliant_ensure(&search->surface, (size_t)nodes, 3 * sizeof *search->surface))
+        return pliant_fail_memory("contacts");
     const pliant_status status = list_surface_nodes(search, body);
     if (status != PLIANT_OK) return status;
     if (pliant_contact_touches_itself(model)) /* its tetrahedra have other nodes, too */

@@ -1,6 +1,6 @@
 /* Islands of contact: one fraction of a leg for each group of nodes and tools that contact joins. */
+#include "base/buffer.h"
 #include "base/fail.h"
-#include "base/memory.h"
 #include "base/union_find.h"
 #include "contact/advance/pair.h"
 #include "contact/volume/volume_bound.h"
@@ -11,15 +11,11 @@
 pliant_status pliant_legs_reserve_fractions(const pliant_data *data)
 {
     pliant_legs *legs = data->legs;
-    const int32_t nodes = data->body->fine.num_nodes;
-    if (nodes <= legs->fraction_capacity) return PLIANT_OK;
-    double *fraction = pliant_resize(legs->fraction, (size_t)nodes, sizeof *fraction);
-    if (fraction) legs->fraction = fraction;
-    int32_t *island = pliant_resize(legs->island, (size_t)nodes + PLIANT_MAX_TOOLS, sizeof *island);
-    if (island) legs->island = island;
-    if (!fraction || !island) return pliant_fail_memory("contacts");
-    legs->fraction_capacity = nodes;
-    return PLIANT_OK;
+    const size_t nodes = (size_t)data->body->fine.num_nodes;
+    return pliant_ensure(&legs->fraction, nodes, sizeof *legs->fraction) &&
+                   pliant_ensure(&legs->island, nodes + PLIANT_MAX_TOOLS, sizeof *legs->island)
+               ? PLIANT_OK
+               : pliant_fail_memory("contacts");
 }
 
 /* Join all nodes that move a triangle. Return one of them. */

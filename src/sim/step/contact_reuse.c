@@ -22,20 +22,12 @@ static bool is_simple(const pliant_model *model, const pliant_data *data)
            !pliant_contact_touches_itself(model) && pliant_patch_count_tools(data) == 0;
 }
 
-static bool reserve_found(pliant_contact_search *search, int32_t nodes)
-{
-    if (nodes > search->found_capacity) {
-        if (!pliant_grow(&search->found_at, (size_t)nodes, 3 * sizeof *search->found_at)) return false;
-        search->found_capacity = nodes;
-    }
-    search->found_nodes = nodes;
-    return true;
-}
-
 pliant_status pliant_contact_copy_found(const pliant_contact_search *from, pliant_contact_search *to)
 {
     if (!from->found) return PLIANT_OK;
-    if (!reserve_found(to, from->found_nodes)) return pliant_fail_memory("contacts");
+    if (!pliant_ensure(&to->found_at, (size_t)from->found_nodes, 3 * sizeof *to->found_at))
+        return pliant_fail_memory("contacts");
+    to->found_nodes = from->found_nodes;
     memcpy(to->found_at, from->found_at, 3 * (size_t)from->found_nodes * sizeof *to->found_at);
     memcpy(to->found_key, from->found_key, sizeof to->found_key);
     memcpy(to->found_pose, from->found_pose, sizeof to->found_pose);
@@ -52,7 +44,9 @@ pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *
     search->found = is_simple(model, data);
     if (!search->found) return PLIANT_OK;
     search->found = false;
-    if (!reserve_found(search, nodes)) return pliant_fail_memory("contacts");
+    if (!pliant_ensure(&search->found_at, (size_t)nodes, 3 * sizeof *search->found_at))
+        return pliant_fail_memory("contacts");
+    search->found_nodes = nodes;
     search->found = true;
     for (int32_t n = 0; n < search->num_surface_nodes; n++) {
         const size_t at = 3 * (size_t)search->surface_node[n];

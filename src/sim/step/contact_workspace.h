@@ -23,21 +23,19 @@ struct pliant_contact_search {
     pliant_advance_part advance_part[PLIANT_CONTACT_PARTS];
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
     pliant_advance *advance; /* Nullable buffer */
-    int32_t surface_capacity;
-    double *surface;           /* (surface_capacity x 3) positions of the surface's nodes at the start of the leg [m] */
+    double *surface;           /* (nodes x 3) positions of the surface's nodes at the start of the leg [m] */
     uint64_t surface_revision; /* of the topology whose nodes are listed; 0: none */
     int32_t num_surface_nodes, *surface_node; /* nodes of the surface's triangles, ascending */
     double low[3], high[3];                   /* bounding box of the surface [m] */
     /* REUSE OF POINTS: the configuration in which the points were found */
     bool found;
     uint64_t found_revision; /* of the topology */
-    int32_t found_parts, found_nodes, found_capacity;
+    int32_t found_parts, found_nodes;
     uint64_t found_key[PLIANT_CONTACT_PARTS];
     pliant_tool_pose found_pose[PLIANT_MAX_TOOLS];
-    double *found_at;      /* (found_capacity x 3) positions of the surface's nodes [m] */
-    int32_t node_capacity; /* for contact/response: paper */
-    uint8_t *overlaps;     /* (node_capacity) */
-    double *place;         /* (node_capacity x 3) */
+    double *found_at;  /* (found_nodes x 3) positions of the surface's nodes [m] */
+    uint8_t *overlaps; /* (nodes) for contact/response: paper */
+    double *place;     /* (nodes x 3) likewise */
 };
 
 /* ---- contact_parameters.c */

@@ -56,7 +56,6 @@ struct pliant_legs {
     bool limited_by_elements;      /* the volume bound shortened this leg */
     bool use_plane_constraints; /* a leg of this step, or the last leg of the previous one, was blocked */
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
-    int32_t node_capacity, solved_capacity, fraction_capacity;
     double *fraction;              /* (nodes) fraction of its motion that each node makes: volume bound, islands */
     int32_t *island;               /* (nodes + tools) forest of islands (contact_islands.c) */
     double *positions, *solved;    /* (nodes x 3) of the fine mesh and of the solved mesh [m] */

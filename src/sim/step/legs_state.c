@@ -14,14 +14,6 @@
 #include <math.h>
 #include <string.h>
 
-static bool reserve(double **array, int32_t *has, int32_t nodes)
-{
-    if (nodes <= *has) return true;
-    if (!pliant_grow(array, (size_t)nodes, 3 * sizeof **array)) return false;
-    *has = nodes;
-    return true;
-}
-
 /* Return the grasp constraint of a tool, from its patch or from the model. */
 static pliant_grasp_constraint *grasp_constraint_of(const pliant_data *data, int tool)
 {
@@ -33,8 +25,8 @@ pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data)
     pliant_legs *legs = data->legs;
     const int32_t nodes = data->body->fine.num_nodes;
     const pliant_solver *solver = data->solver;
-    if (!reserve(&legs->positions, &legs->node_capacity, nodes) ||
-        (solver && !reserve(&legs->solved, &legs->solved_capacity, solver->system->mesh->num_nodes)))
+    if (!pliant_ensure(&legs->positions, (size_t)nodes, 3 * sizeof *legs->positions) ||
+        (solver && !pliant_ensure(&legs->solved, (size_t)solver->system->mesh->num_nodes, 3 * sizeof *legs->solved)))
         return pliant_fail_memory("contacts");
     memcpy(legs->positions, data->positions, 3 * (size_t)nodes * sizeof *data->positions);
     if (!solver) return PLIANT_OK; /* explicit dynamics saves its own state (tled->start_u) */

@@ -11,7 +11,7 @@
 #include <string.h>
 
 /* Arrays of a grasp. A step frees them when the tissue slips out of the grasp. */
-typedef struct spare { int32_t capacity, *held; double *weight; } spare;
+typedef struct spare { int32_t *held; double *weight; } spare;
 
 struct pliant_rollback {
     pliant_state state;
@@ -32,12 +32,10 @@ static bool reserve_spares(pliant_rollback *rollback, const pliant_data *data)
 {
     for (int t = 0; t < data->num_tools; t++) {
         spare *of = rollback->spare + t;
-        const int32_t count = data->tools[t].num_held;
-        if (count <= of->capacity) continue;
-        if (!pliant_grow(&of->held, (size_t)count, sizeof *of->held) ||
-            !pliant_grow(&of->weight, (size_t)count, sizeof *of->weight))
+        const size_t count = (size_t)data->tools[t].num_held;
+        if (!pliant_ensure(&of->held, count, sizeof *of->held) ||
+            !pliant_ensure(&of->weight, count, sizeof *of->weight))
             return false;
-        of->capacity = count;
     }
     return true;
 }
@@ -72,7 +70,7 @@ static void undo_tool(pliant_rollback *rollback, pliant_data *data, int t)
         pliant_free(now.weight);
         tool->held = of->held;
         tool->weight = of->weight;
-        *of = (spare){.capacity = 0};
+        *of = (spare){.held = NULL};
     }
     pliant_state_copy_grasp(&rollback->state, t, tool->held, tool->weight);
 }
