@@ -458,6 +458,11 @@ void pliant_free(void *block)
     pliant_account_close(of);
 }
 
+void pliant_free_blocks(void *const *blocks, size_t count)
+{
+    for (size_t b = 0; b < count; b++) pliant_free(blocks[b]);
+}
+
 size_t pliant_memory_in_use(void) { return atomic_load(&in_use); }
 size_t pliant_memory_peak(void) { return atomic_load(&peak); }
 void pliant_memory_reset_peak(void) { atomic_store(&peak, atomic_load(&in_use)); }

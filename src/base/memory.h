@@ -22,6 +22,10 @@ PLIANT_INTERNAL void *pliant_resize(void *block, size_t count, size_t size);
 
 /** Nullable. */
 PLIANT_INTERNAL void pliant_free(void *block);
+/** Free several blocks. */
+void pliant_free_blocks(void *const *blocks, size_t count);
+#define PLIANT_FREE(...) \
+    pliant_free_blocks((void *const[]){__VA_ARGS__}, sizeof((void *const[]){__VA_ARGS__}) / sizeof(void *))
 
 /** Bytes held now by pliant_calloc, and the largest value since the last reset of the peak. */
 PLIANT_INTERNAL size_t pliant_memory_in_use(void);

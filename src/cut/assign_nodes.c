@@ -400,11 +400,6 @@ pliant_status pliant_cut_corners(cut_work *work)
         status = number(&split);
         if (status == PLIANT_OK) status = keep_joints(&split);
     }
-    pliant_free(split.own);
-    pliant_free(split.region);
-    pliant_free(split.moved);
-    pliant_free(split.around);
-    pliant_free(split.part);
-    pliant_free(split.holds);
+    PLIANT_FREE(split.own, split.region, split.moved, split.around, split.part, split.holds);
     return status;
 }

@@ -90,11 +90,9 @@ static pliant_status append_to_cut_log(cut_work *work)
 /* Free everything except the newly severed links and bridges. */
 static void forget(cut_work *work)
 {
-    void *blocks[] = {work->touched,       work->start,      work->first,    work->voxel,   work->part,
-                      work->fragment,      work->edge,       work->table,    work->changed, work->corners,
-                      work->tet_source,    work->copy_fixed, work->material, work->place,   work->is_near_severed_link,
-                      work->links.severed, work->joint};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(work->touched, work->start, work->first, work->voxel, work->part, work->fragment, work->edge,
+                work->table, work->changed, work->corners, work->tet_source, work->copy_fixed, work->material,
+                work->place, work->is_near_severed_link, work->links.severed, work->joint);
     cut_sparse_free(&work->state);
     pliant_cuts_free(work->next);
     *work = (cut_work){.body = work->body,
@@ -179,9 +177,7 @@ static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_swe
 static void free_work(cut_work *work)
 {
     forget(work);
-    pliant_free(work->link);
-    pliant_free(work->link_area);
-    pliant_free(work->bridge);
+    PLIANT_FREE(work->link, work->link_area, work->bridge);
 }
 
 static pliant_status fail_without_voxels(void)

@@ -431,10 +431,7 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
             status = try_fragment(&cut, (int32_t)(at - may));
         if (status == PLIANT_OK) status = pliant_cut_sort_severed(work);
     }
-    pliant_free(cut.strip.triangles);
-    pliant_free(cut.near);
-    pliant_free(cut.run);
-    pliant_free(may);
+    PLIANT_FREE(cut.strip.triangles, cut.near, cut.run, may);
     cut_sparse_free(&cut.map_of);
     pliant_free(cut.maps);
     return status;

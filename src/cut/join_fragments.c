@@ -358,9 +358,6 @@ pliant_status pliant_cut_assign_chips(cut_work *work)
         assign_small_fragments(&all);
         status = transfer_edges(work);
     }
-    pliant_free(all.group);
-    pliant_free(all.voxels);
-    pliant_free(all.best);
-    pliant_free(all.weight);
+    PLIANT_FREE(all.group, all.voxels, all.best, all.weight);
     return status;
 }

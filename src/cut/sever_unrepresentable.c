@@ -170,8 +170,6 @@ pliant_status pliant_cut_sever_unrepresentable(cut_work *work, bool *changed)
         if (status == PLIANT_OK) status = add_all(&all);
     }
     *changed = all.num_links + all.num_bridges > 0;
-    pliant_free(all.pair);
-    pliant_free(all.link);
-    pliant_free(all.bridge);
+    PLIANT_FREE(all.pair, all.link, all.bridge);
     return status;
 }

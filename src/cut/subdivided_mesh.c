@@ -61,9 +61,8 @@ pliant_status pliant_split_begin(const pliant_body *body, const double *position
 
 void pliant_split_end(cut_splitting *work)
 {
-    void *blocks[] = {work->rest,    work->positions, work->between, work->fixed,   work->on,    work->first,
-                      work->corners, work->next,      work->source,  work->severed, work->around};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(work->rest, work->positions, work->between, work->fixed, work->on, work->first, work->corners,
+                work->next, work->source, work->severed, work->around);
 }
 
 pliant_status pliant_split_add_node(cut_splitting *work, pliant_between between, uint8_t fixed)

@@ -95,9 +95,6 @@ pliant_status pliant_cut_restore_small_components(cut_work *work, bool *changed)
     if (good) find_groups(&all);
     for (int32_t g = 1; good && g <= work->num_fragments; g++)
         if (all.group[g] == g && all.voxels[g] < all.minimum[g] && restore_links(&all, g)) *changed = true;
-    pliant_free(all.group);
-    pliant_free(all.voxels);
-    pliant_free(all.minimum);
-    pliant_free(all.lost);
+    PLIANT_FREE(all.group, all.voxels, all.minimum, all.lost);
     return good ? PLIANT_OK : pliant_fail_memory("the small fragments of a cut");
 }

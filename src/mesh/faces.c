@@ -219,9 +219,6 @@ pliant_status pliant_mesh_fix_loose_pieces(const pliant_mesh *mesh, const int32_
         if (loose[v / 4] && !firm_node[mesh->tets[v]]) fixed[mesh->tets[v]] = how;
     *pieces = num_loose;
 done:
-    pliant_free(own);
-    pliant_free(piece);
-    pliant_free(firm_node);
-    pliant_free(feet);
+    PLIANT_FREE(own, piece, firm_node, feet);
     return status;
 }

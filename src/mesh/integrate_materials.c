@@ -240,8 +240,6 @@ pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_
     }
 done:
     for (int d = 0; d < 3; d++) axis_free(maps + d);
-    pliant_free(list.number);
-    pliant_free(list.cell);
-    pliant_free(count);
+    PLIANT_FREE(list.number, list.cell, count);
     return status;
 }

@@ -206,14 +206,7 @@ failed:
 
 void pliant_mesh_free(pliant_mesh *mesh)
 {
-    pliant_free(mesh->rest);
-    pliant_free(mesh->tets);
-    pliant_free(mesh->lattice_of_node);
-    pliant_free(mesh->lattice_of_tet);
-    pliant_free(mesh->tet_of_lattice);
-    pliant_free(mesh->node_of_lattice);
-    pliant_free(mesh->leaf_of_cell);
-    pliant_free(mesh->leaf_start);
-    pliant_free(mesh->place_of_node);
+    PLIANT_FREE(mesh->rest, mesh->tets, mesh->lattice_of_node, mesh->lattice_of_tet, mesh->tet_of_lattice,
+                mesh->node_of_lattice, mesh->leaf_of_cell, mesh->leaf_start, mesh->place_of_node);
     memset(mesh, 0, sizeof *mesh);
 }

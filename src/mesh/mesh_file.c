@@ -18,10 +18,7 @@ static const size_t max_file_size = (size_t)1 << 32;
 void pliant_mesh_file_free(mesh_file *file)
 {
     if (!file) return;
-    pliant_free(file->nodes);
-    pliant_free(file->tets);
-    pliant_free(file->region);
-    pliant_free(file->name);
+    PLIANT_FREE(file->nodes, file->tets, file->region, file->name);
     memset(file, 0, sizeof *file);
 }
 

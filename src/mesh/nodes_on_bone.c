@@ -257,13 +257,7 @@ pliant_status pliant_mesh_bone(const pliant_geometry *geometry, const uint8_t *f
         mesh->place_of_node = work.place;
         work.place = NULL;
     }
-    pliant_free(work.start);
-    pliant_free(work.around);
-    pliant_free(work.at);
-    pliant_free(work.target);
-    pliant_free(work.squared_distance);
-    pliant_free(work.held);
-    pliant_free(work.place);
-    pliant_free(work.candidates);
+    PLIANT_FREE(work.start, work.around, work.at, work.target, work.squared_distance, work.held, work.place,
+                work.candidates);
     return status;
 }

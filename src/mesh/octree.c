@@ -216,8 +216,6 @@ pliant_status pliant_octree_create(const int32_t roots[3], int32_t depth, double
 void pliant_octree_free(pliant_octree *tree)
 {
     for (int32_t level = 0; level <= PLIANT_MAX_DEPTH; level++) pliant_free(tree->split[level]);
-    pliant_free(tree->leaf_of_cell);
-    pliant_free(tree->origin);
-    pliant_free(tree->level);
+    PLIANT_FREE(tree->leaf_of_cell, tree->origin, tree->level);
     memset(tree, 0, sizeof *tree);
 }

@@ -314,9 +314,6 @@ done:
         pliant_free(build.materials);
     }
     pliant_octree_free(&tree);
-    pliant_free(cells);
-    pliant_free(build.kept);
-    pliant_free(build.leaf_material);
-    pliant_free(build.corner);
+    PLIANT_FREE(cells, build.kept, build.leaf_material, build.corner);
     return status;
 }

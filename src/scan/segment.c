@@ -339,12 +339,7 @@ static pliant_status segment_on_cpu(const pliant_volume *scan, const pliant_segm
     if (status == PLIANT_OK) status = segment_connect(size, classes, piece, &count);
     if (status == PLIANT_OK) status = write_pieces(scan, classes, piece, count, &made);
 done:
-    pliant_free(histogram);
-    pliant_free(fits);
-    pliant_free(logs);
-    pliant_free(bins);
-    pliant_free(classes);
-    pliant_free(piece);
+    PLIANT_FREE(histogram, fits, logs, bins, classes, piece);
     if (status == PLIANT_OK) *out = made;
     else pliant_segmentation_free(&made);
     return status;

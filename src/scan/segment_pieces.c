@@ -60,8 +60,6 @@ pliant_status segment_absorb(const int32_t size[3], const int32_t *piece, int32_
             }
         }
 done:
-    pliant_free(members);
-    pliant_free(queue);
-    pliant_free(waits);
+    PLIANT_FREE(members, queue, waits);
     return status;
 }

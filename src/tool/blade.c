@@ -111,13 +111,7 @@ pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
 
 static void free_edge(pliant_edge *edge)
 {
-    pliant_free(edge->place);
-    pliant_free(edge->tet);
-    pliant_free(edge->weight);
-    pliant_free(edge->carrier);
-    pliant_free(edge->carrier_offset);
-    pliant_free(edge->now);
-    pliant_free(edge->swept);
+    PLIANT_FREE(edge->place, edge->tet, edge->weight, edge->carrier, edge->carrier_offset, edge->now, edge->swept);
     memset(edge, 0, sizeof *edge);
 }
 
@@ -360,9 +354,7 @@ pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool)
     int32_t *held = pliant_calloc(4 * (size_t)inside, sizeof *held), count = 0, nodes = 0;
     double *weight = pliant_calloc(4 * (size_t)inside, sizeof *weight);
     if (!all || !held || !weight) {
-        pliant_free(all);
-        pliant_free(held);
-        pliant_free(weight);
+        PLIANT_FREE(all, held, weight);
         return pliant_fail_memory("the nodes that the blade drags");
     }
     for (int32_t p = 0; p < edge->count; p++)

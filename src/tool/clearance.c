@@ -24,9 +24,7 @@ pliant_clearance *pliant_clearance_create(void) { return pliant_calloc(1, sizeof
 
 static void free_lists(pliant_clearance *clearance)
 {
-    pliant_free(clearance->corner);
-    pliant_free(clearance->triangle);
-    pliant_free(clearance->place);
+    PLIANT_FREE(clearance->corner, clearance->triangle, clearance->place);
     clearance->corner = clearance->triangle = NULL;
     clearance->place = NULL;
     clearance->revision = 0;

@@ -504,16 +504,11 @@ void pliant_path_free(pliant_path *path)
 {
     if (!path) return;
     for (uint32_t n = 0; path->tools && n < path->num_tools; ++n) {
-        pliant_free(path->tools[n].motion);
-        pliant_free(path->tools[n].poses);
-        pliant_free(path->tools[n].cut);
+        PLIANT_FREE(path->tools[n].motion, path->tools[n].poses, path->tools[n].cut);
         pliant_tool_shape_free(&path->tools[n].shape);
     }
     for (uint32_t n = 0; path->cuts && n < path->num_cuts; ++n) pliant_free(path->cuts[n].points);
-    pliant_free(path->tools);
-    pliant_free(path->cuts);
-    pliant_free(path->gravity);
-    pliant_free(path->probes);
+    PLIANT_FREE(path->tools, path->cuts, path->gravity, path->probes);
     memset(path, 0, sizeof *path);
 }
 

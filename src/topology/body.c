@@ -28,27 +28,14 @@ static void free_body(pliant_body *body)
     }
     pliant_mesh_free(&body->fine);
     pliant_mesh_free(&body->coarse);
-    pliant_free(body->node_parent);
-    pliant_free(body->tet_parent);
-    pliant_free(body->coarse_of_fine);
-    pliant_free(body->fine_of_coarse);
-    pliant_free(body->across);
-    pliant_free(body->triangles);
-    pliant_free(body->outside);
-    pliant_free(body->fine_material);
-    pliant_free(body->coarse_material);
-    pliant_free(body->node_mass);
-    pliant_free(body->fine_fixed);
-    pliant_free(body->coarse_fixed);
+    PLIANT_FREE(body->node_parent, body->tet_parent, body->coarse_of_fine, body->fine_of_coarse, body->across,
+                body->triangles, body->outside, body->fine_material, body->coarse_material, body->node_mass,
+                body->fine_fixed, body->coarse_fixed);
     pliant_voxels_release(body->voxels);
     pliant_cuts_free(body->cuts);
     pliant_subdivision_free(body->subdivision);
     pliant_pieces_free(body->pieces);
-    pliant_free(body->changes.touched);
-    pliant_free(body->changes.node_source);
-    pliant_free(body->changes.tet_source);
-    pliant_free(body->holders);
-    pliant_free(body);
+    PLIANT_FREE(body->changes.touched, body->changes.node_source, body->changes.tet_source, body->holders, body);
 }
 
 pliant_status pliant_body_create(uint64_t revision, pliant_body **out)

@@ -315,11 +315,7 @@ pliant_status pliant_bridges_build(const pliant_mesh *fine, pliant_voxels *voxel
     if (status == PLIANT_OK) status = bridge_within(&work, parts, part);
     if (status == PLIANT_OK) status = bridge_faces(&work, threads, linked);
     if (status == PLIANT_OK) status = bridge_hinges(&work, fine, part);
-    pliant_free(part);
-    pliant_free(parts);
-    pliant_free(linked);
-    pliant_free(runs);
-    pliant_free(work.place);
+    PLIANT_FREE(part, parts, linked, runs, work.place);
     voxels->bridge = work.pair;
     voxels->num_bridges = work.count;
     return status == PLIANT_OK ? list_beside(voxels) : status;

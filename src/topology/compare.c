@@ -141,8 +141,6 @@ pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body 
 
 void pliant_body_map_free(pliant_body_map *map)
 {
-    pliant_free(map->node);
-    pliant_free(map->tet);
-    pliant_free(map->between);
+    PLIANT_FREE(map->node, map->tet, map->between);
     memset(map, 0, sizeof *map);
 }

@@ -70,19 +70,9 @@ pliant_status pliant_cuts_reserve(const pliant_cuts *cuts, size_t kept, size_t m
 void pliant_cuts_free(pliant_cuts *cuts)
 {
     if (!cuts) return;
-    pliant_free(cuts->link);
-    pliant_free(cuts->bridge);
-    pliant_free(cuts->tet);
-    pliant_free(cuts->start);
-    pliant_free(cuts->fragment);
-    pliant_free(cuts->voxel_start);
+    PLIANT_FREE(cuts->link, cuts->bridge, cuts->tet, cuts->start, cuts->fragment, cuts->voxel_start);
     release(cuts->pool);
-    pliant_free(cuts->chip);
-    pliant_free(cuts->join);
-    pliant_free(cuts->cut_end);
-    pliant_free(cuts->stroke);
-    pliant_free(cuts->severed);
-    pliant_free(cuts);
+    PLIANT_FREE(cuts->chip, cuts->join, cuts->cut_end, cuts->stroke, cuts->severed, cuts);
 }
 
 static bool copy(const void *from, size_t count, size_t size, void *to)

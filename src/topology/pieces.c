@@ -24,10 +24,7 @@ typedef struct search {
 void pliant_pieces_free(pliant_pieces *pieces)
 {
     if (!pieces) return;
-    pliant_free(pieces->start);
-    pliant_free(pieces->node);
-    pliant_free(pieces->joint);
-    pliant_free(pieces);
+    PLIANT_FREE(pieces->start, pieces->node, pieces->joint, pieces);
 }
 
 static pliant_status create(int32_t count, int32_t nodes, int32_t joints, pliant_pieces **out)
@@ -314,7 +311,6 @@ pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *
     if (status == PLIANT_OK) status = find_again(&work, division, &done);
     if (status == PLIANT_OK && !done) status = find_all_pieces(&work);
     *rebuilt = !done;
-    void *blocks[] = {work.joint, work.fixed, work.loose, work.in_loose_tet, work.in_held_tet, work.copy, work.hinge};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(work.joint, work.fixed, work.loose, work.in_loose_tet, work.in_held_tet, work.copy, work.hinge);
     return status;
 }

@@ -42,9 +42,7 @@ pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, plia
 void pliant_subdivision_free(pliant_subdivision *subdivision)
 {
     if (!subdivision) return;
-    pliant_free(subdivision->between);
-    pliant_free(subdivision->mark);
-    pliant_free(subdivision);
+    PLIANT_FREE(subdivision->between, subdivision->mark, subdivision);
 }
 
 pliant_status pliant_subdivision_copy(const pliant_subdivision *from, int32_t nodes, pliant_subdivision **out)

@@ -34,10 +34,7 @@ typedef struct surface_work {
 static void release_block(surface_block *block)
 {
     if (!block || atomic_fetch_sub_explicit(&block->holders, 1, memory_order_acq_rel) != 1) return;
-    pliant_free(block->label);
-    pliant_free(block->vertex);
-    pliant_free(block->triangle);
-    pliant_free(block);
+    PLIANT_FREE(block->label, block->vertex, block->triangle, block);
 }
 
 static surface_block *find_block(const pliant_surface *surface, int32_t host)
@@ -299,17 +296,8 @@ static void free_work(surface_work *work)
     for (int32_t t = 0; work->block && t < work->body->voxels->num_tets; t++) release_block(work->block[t]);
     pliant_surface_map_free(&work->maker.crossings);
     pliant_surface_map_free(&work->maker.vertices);
-    void *blocks[] = {work->cut_of,
-                      work->near_changed,
-                      work->near_split,
-                      work->block,
-                      work->is_new,
-                      work->maker.where.at,
-                      work->maker.near.at,
-                      work->maker.made.at,
-                      work->maker.triangles[0].at,
-                      work->maker.triangles[1].at};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(work->cut_of, work->near_changed, work->near_split, work->block, work->is_new, work->maker.where.at,
+                work->maker.near.at, work->maker.made.at, work->maker.triangles[0].at, work->maker.triangles[1].at);
 }
 
 /* Copy the triangles of the mesh. */
@@ -365,12 +353,7 @@ void pliant_surface_free(pliant_surface *surface)
         pliant_free(surface->kept->outside);
         pliant_free(surface->kept->block);
     }
-    pliant_free(surface->kept);
-    pliant_free(surface->tet);
-    pliant_free(surface->weight);
-    pliant_free(surface->material);
-    pliant_free(surface->triangle);
-    pliant_free(surface);
+    PLIANT_FREE(surface->kept, surface->tet, surface->weight, surface->material, surface->triangle, surface);
 }
 
 void pliant_surface_at_vertices(const pliant_surface *surface, int size, const double *nodes, double *out)

@@ -8,11 +8,7 @@
 
 void pliant_surface_points_free(surface_points *points)
 {
-    pliant_free(points->row);
-    pliant_free(points->at);
-    pliant_free(points->rest);
-    pliant_free(points->value);
-    pliant_free(points->material);
+    PLIANT_FREE(points->row, points->at, points->rest, points->value, points->material);
 }
 
 /* Interpolate vectors at nodes to the vertices. */

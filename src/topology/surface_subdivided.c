@@ -140,9 +140,6 @@ pliant_status pliant_surface_part_subdivided(pliant_surface *surface)
                            3 * sizeof *body->triangles);
         }
     }
-    pliant_free(work.of_node);
-    pliant_free(work.touched);
-    pliant_free(work.is_cut);
-    pliant_free(work.face);
+    PLIANT_FREE(work.of_node, work.touched, work.is_cut, work.face);
     return good ? PLIANT_OK : pliant_surface_no_memory();
 }

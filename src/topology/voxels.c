@@ -20,11 +20,9 @@ const pliant_voxels *pliant_voxels_retain(const pliant_voxels *voxels)
 
 static void free_voxels(pliant_voxels *voxels)
 {
-    void *blocks[] = {
-        voxels->owner,  voxels->start,          voxels->voxel,        voxels->material,     voxels->of_material,
-        voxels->bridge, voxels->fixed_material, voxels->bridge_start, voxels->adjacent_start, voxels->adjacent,
-        voxels->across, voxels->around_start,   voxels->around,       voxels->holders,      voxels->load};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(voxels->owner, voxels->start, voxels->voxel, voxels->material, voxels->of_material, voxels->bridge,
+                voxels->fixed_material, voxels->bridge_start, voxels->adjacent_start, voxels->adjacent, voxels->across,
+                voxels->around_start, voxels->around, voxels->holders, voxels->load);
     pliant_free(voxels);
 }
 

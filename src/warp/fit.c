@@ -155,17 +155,8 @@ void pliant_fit_free(pliant_fit *fit)
 {
     if (!fit) return;
     fit_view *view = &fit->view;
-    pliant_free(view->map);
-    pliant_free(view->wanted);
-    pliant_free(view->covered);
-    pliant_free(view->tissue);
-    pliant_free(view->at);
-    pliant_free(view->sorted);
-    pliant_free(view->bin_node);
-    pliant_free(view->bin_start);
-    pliant_free(fit->near);
-    pliant_free(fit->zone);
-    pliant_free(fit);
+    PLIANT_FREE(view->map, view->wanted, view->covered, view->tissue, view->at, view->sorted, view->bin_node,
+                view->bin_start, fit->near, fit->zone, fit);
 }
 
 static void sort_nodes(pliant_fit *fit, const double *positions)

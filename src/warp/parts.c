@@ -305,10 +305,8 @@ static pliant_status create(parts_work *all, pliant_parts *parts)
 
 static void free_maker(part_maker *maker)
 {
-    void *blocks[] = {maker->label,       maker->queue,     maker->carried,  maker->step,
-                      maker->severed,     maker->touched,   maker->wanted,   maker->wall,
-                      maker->carriers.at, maker->labels.at, maker->carried_tets.at};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(maker->label, maker->queue, maker->carried, maker->step, maker->severed, maker->touched, maker->wanted,
+                maker->wall, maker->carriers.at, maker->labels.at, maker->carried_tets.at);
 }
 
 pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before,
@@ -344,8 +342,7 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
     }
     for (int m = 0; all.makers && m < num_threads; m++) free_maker(all.makers + m);
     pliant_part_changes_free(&all.changes);
-    void *blocks[] = {all.cut_of, all.other, all.rebuilt, all.made, all.makers};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(all.cut_of, all.other, all.rebuilt, all.made, all.makers);
     if (status != PLIANT_OK) {
         pliant_parts_free(parts);
         return status;
@@ -379,15 +376,8 @@ void pliant_parts_free(pliant_parts *parts)
     pliant_free((void *)(uintptr_t)parts->view.boxes);
     pliant_part_pool_release(parts->pool);
     pliant_part_hosts_release(parts->hosts);
-    pliant_free(parts->host);
-    pliant_free(parts->by_node);
-    pliant_free(parts->taken);
-    pliant_free(parts->other);
-    pliant_free(parts->carrier_start);
-    pliant_free(parts->carrier);
-    pliant_free(parts->carried_tet_start);
-    pliant_free(parts->carried_tets);
-    pliant_free(parts);
+    PLIANT_FREE(parts->host, parts->by_node, parts->taken, parts->other, parts->carrier_start, parts->carrier,
+                parts->carried_tet_start, parts->carried_tets, parts);
 }
 
 bool pliant_parts_same(const pliant_parts *before, int32_t box_before, const pliant_parts *now, int32_t box)

@@ -15,10 +15,7 @@ void pliant_part_pool_release(part_pool *pool)
 void pliant_part_hosts_release(part_hosts *hosts)
 {
     if (!hosts || --hosts->holders > 0) return;
-    pliant_free(hosts->box);
-    pliant_free(hosts->cube_start);
-    pliant_free(hosts->of_cube);
-    pliant_free(hosts);
+    PLIANT_FREE(hosts->box, hosts->cube_start, hosts->of_cube, hosts);
 }
 
 /* Count, or list, the cubes of each box.

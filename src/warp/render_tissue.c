@@ -48,9 +48,7 @@ void pliant_view_free(pliant_view *view)
     free_warp(&view->labels);
     pliant_volume_free(&view->materials);
     pliant_body_release(view->body);
-    pliant_free(view->positions);
-    pliant_free(view->bricks);
-    pliant_free(view);
+    PLIANT_FREE(view->positions, view->bricks, view);
 }
 
 pliant_status pliant_view_create(const pliant_model *model, const pliant_geometry *target, pliant_view **out)

@@ -36,12 +36,8 @@ void pliant_warp_next_free(pliant_warp_next *next)
     pliant_parts_free(next->parts);
     pliant_fit_free(next->fit);
     for (int a = 0; a < NUM_ARRAYS; a++) pliant_free(next->longer[a]);
-    pliant_free(next->carried_tet_fixed);
-    pliant_free(next->carried_tet_tets);
-    pliant_free(next->changes.rebuilt);
-    pliant_free(next->changes.from);
-    pliant_free(next->changes.removed);
-    pliant_free(next->still_exists);
+    PLIANT_FREE(next->carried_tet_fixed, next->carried_tet_tets, next->changes.rebuilt, next->changes.from,
+                next->changes.removed, next->still_exists);
     if (next->device_next) next->device->drop(next->device_next);
     pliant_free(next);
 }

@@ -19,10 +19,9 @@ void pliant_warp_free(pliant_warp *warp)
     pliant_fit_free(warp->fit);
     pliant_parts_free(warp->parts);
     pliant_part_hosts_release(warp->hosts);
-    void *blocks[] = {warp->rest,         warp->fixed, warp->next,       warp->moved,  warp->carried_tet_fixed,
-                      warp->tets,         warp->rebuilt,  warp->changed,    warp->dirty,  warp->vacated,
-                      warp->dirty_bricks, warp->end,   warp->candidates, warp->scratch};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(warp->rest, warp->fixed, warp->next, warp->moved, warp->carried_tet_fixed, warp->tets, warp->rebuilt,
+                warp->changed, warp->dirty, warp->vacated, warp->dirty_bricks, warp->end, warp->candidates,
+                warp->scratch);
     pliant_free(warp);
 }
 

@@ -19,13 +19,8 @@ pliant_status pliant_advance_create(const pliant_contact_settings *settings, pli
 void pliant_advance_free(pliant_advance *advance)
 {
     if (!advance) return;
-    pliant_free(advance->pair);
-    pliant_free(advance->pair_time);
-    pliant_free(advance->motion);
-    pliant_free(advance->box);
-    pliant_free(advance->near);
-    pliant_free(advance->group);
-    pliant_free(advance->self);
+    PLIANT_FREE(advance->pair, advance->pair_time, advance->motion, advance->box, advance->near, advance->group,
+                advance->self);
     pliant_advance_tree_free(&advance->tree);
     pliant_free(advance);
 }

@@ -130,11 +130,6 @@ pliant_status pliant_advance_tree_update(pliant_advance_tree *tree, int32_t num_
 
 void pliant_advance_tree_free(pliant_advance_tree *tree)
 {
-    pliant_free(tree->triangles);
-    pliant_free(tree->owns);
-    pliant_free(tree->order);
-    pliant_free(tree->branch);
-    pliant_free(tree->box);
-    pliant_free(tree->around);
+    PLIANT_FREE(tree->triangles, tree->owns, tree->order, tree->branch, tree->box, tree->around);
     *tree = (pliant_advance_tree){.num_triangles = 0};
 }

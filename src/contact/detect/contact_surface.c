@@ -17,8 +17,7 @@ static pliant_status no_memory(void) { return pliant_fail_memory("contacts"); }
 
 static void free_body(pliant_contact_surface *surface)
 {
-    void *blocks[] = {surface->solid, surface->tet, surface->triangles, surface->positions};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(surface->solid, surface->tet, surface->triangles, surface->positions);
     surface->solid = NULL;
     surface->tet = surface->triangles = NULL;
     surface->positions = NULL;
@@ -27,9 +26,7 @@ static void free_body(pliant_contact_surface *surface)
 
 static void free_load(pliant_contact_surface *surface)
 {
-    pliant_free(surface->tet_at_load);
-    pliant_free(surface->weights);
-    pliant_free(surface->solid_at_load);
+    PLIANT_FREE(surface->tet_at_load, surface->weights, surface->solid_at_load);
     surface->tet_at_load = NULL;
     surface->weights = NULL;
     surface->solid_at_load = NULL;

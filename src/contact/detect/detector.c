@@ -19,14 +19,8 @@ void pliant_contact_detector_free(pliant_contact_detector *detector)
 {
     if (!detector) return;
     pliant_broad_free(&detector->broad);
-    pliant_free(detector->triangle);
-    pliant_free(detector->face);
-    pliant_free(detector->edge);
-    pliant_free(detector->node);
-    pliant_free(detector->edge_of);
-    pliant_free(detector->order);
-    pliant_free(detector->slot);
-    pliant_free(detector);
+    PLIANT_FREE(detector->triangle, detector->face, detector->edge, detector->node, detector->edge_of, detector->order,
+                detector->slot, detector);
 }
 
 pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t capacity)

@@ -20,16 +20,8 @@ static int32_t num_nodes(const pliant_impact_zones *zones) { return zones->tissu
 
 void pliant_impact_zones_free(pliant_impact_zones *zones)
 {
-    pliant_free(zones->pair);
-    pliant_free(zones->blocked);
-    pliant_free(zones->before);
-    pliant_free(zones->start);
-    pliant_free(zones->wanted[0]);
-    pliant_free(zones->wanted[1]);
-    pliant_free(zones->from);
-    pliant_free(zones->to);
-    pliant_free(zones->root);
-    pliant_free(zones->zone);
+    PLIANT_FREE(zones->pair, zones->blocked, zones->before, zones->start, zones->wanted[0], zones->wanted[1],
+                zones->from, zones->to, zones->root, zones->zone);
     memset(zones, 0, sizeof *zones);
 }
 

@@ -12,9 +12,7 @@
 
 void pliant_grid_free(pliant_grid *grid)
 {
-    pliant_free(grid->box);
-    pliant_free(grid->start);
-    pliant_free(grid->item);
+    PLIANT_FREE(grid->box, grid->start, grid->item);
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) pliant_free(grid->found[c].pair);
     memset(grid, 0, sizeof *grid);
 }

@@ -36,9 +36,7 @@ pliant_status pliant_tissue_set_rest(pliant_tissue *tissue, const double *rest)
     tissue->rest = pliant_calloc(3 * nodes, sizeof *tissue->rest);
     tissue->seam = pliant_calloc(nodes, 1);
     if (!tissue->triangles || !tissue->rest || !tissue->seam || !(tissue->exempt = pliant_calloc(nodes, 1))) {
-        pliant_free(tissue->triangles);
-        pliant_free(tissue->rest);
-        pliant_free(tissue->seam);
+        PLIANT_FREE(tissue->triangles, tissue->rest, tissue->seam);
         tissue->triangles = NULL;
         tissue->rest = NULL;
         tissue->seam = NULL;

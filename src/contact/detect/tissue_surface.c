@@ -16,32 +16,11 @@
 
 static void free_surface(pliant_tissue *tissue)
 {
-    void *blocks[] = {tissue->own_across,
-                      tissue->inside,
-                      tissue->is_candidate,
-                      tissue->triangle,
-                      tissue->tet,
-                      tissue->triangle_start,
-                      tissue->node,
-                      tissue->index_of,
-                      tissue->around_start,
-                      tissue->around,
-                      tissue->node_triangle_start,
-                      tissue->node_triangles,
-                      tissue->area,
-                      tissue->face,
-                      tissue->normal,
-                      tissue->count,
-                      tissue->node_contacts,
-                      tissue->last,
-                      tissue->place,
-                      tissue->piece,
-                      tissue->has_slid,
-                      tissue->triangles,
-                      tissue->rest,
-                      tissue->seam,
-                      tissue->exempt};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(tissue->own_across, tissue->inside, tissue->is_candidate, tissue->triangle, tissue->tet,
+                tissue->triangle_start, tissue->node, tissue->index_of, tissue->around_start, tissue->around,
+                tissue->node_triangle_start, tissue->node_triangles, tissue->area, tissue->face, tissue->normal,
+                tissue->count, tissue->node_contacts, tissue->last, tissue->place, tissue->piece, tissue->has_slid,
+                tissue->triangles, tissue->rest, tissue->seam, tissue->exempt);
 }
 
 void pliant_tissue_free(pliant_tissue *tissue)

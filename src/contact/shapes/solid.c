@@ -22,11 +22,7 @@ typedef struct surface {
 
 static void free_solid(pliant_solid *solid)
 {
-    pliant_free(solid->points);
-    pliant_free(solid->triangles);
-    pliant_free(solid->plane);
-    pliant_free(solid->value);
-    pliant_free(solid);
+    PLIANT_FREE(solid->points, solid->triangles, solid->plane, solid->value, solid);
 }
 
 const pliant_solid *pliant_solid_retain(const pliant_solid *solid)
@@ -121,9 +117,7 @@ static pliant_status join_points(surface *of, double size, const double low[3])
         if (on.same[p] == p) keep_point(&on, p);
     }
     if (good) join(of, on.same);
-    pliant_free(on.head);
-    pliant_free(on.next);
-    pliant_free(on.same);
+    PLIANT_FREE(on.head, on.next, on.same);
     return good ? PLIANT_OK : pliant_fail_memory(of->name);
 }
 

@@ -121,9 +121,7 @@ pliant_status pliant_triangle_tree_create(const double *points, int32_t count, c
 void pliant_triangle_tree_free(pliant_triangle_tree *tree)
 {
     if (!tree) return;
-    pliant_free(tree->order);
-    pliant_free(tree->box);
-    pliant_free(tree);
+    PLIANT_FREE(tree->order, tree->box, tree);
 }
 
 /* ---- nearest triangle */

@@ -441,8 +441,7 @@ pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene 
                    work.linear, system->macros->count);
     pliant_submesh_lists_free(&work.lists);
     pliant_shapes_free(work.schur, system->macros ? system->macros->count : 0);
-    void *blocks[] = {work.element_of_tet, work.element_of_fine, work.tet_of_element,
-                      work.cubes,          work.cube_of_tet,     work.shapes};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(work.element_of_tet, work.element_of_fine, work.tet_of_element, work.cubes, work.cube_of_tet,
+                work.shapes);
     return status;
 }

@@ -318,7 +318,6 @@ pliant_status pliant_system_build_graded(pliant_system *system, const pliant_sys
     }
     if (status == PLIANT_OK) status = pliant_graded_upsample(&work);
     if (status == PLIANT_OK) status = find_fixed(&work, fixed);
-    void *blocks[] = {work.tet, work.adjacent, work.now, work.alike, work.free, work.point};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(work.tet, work.adjacent, work.now, work.alike, work.free, work.point);
     return status;
 }

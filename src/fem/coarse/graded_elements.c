@@ -327,8 +327,7 @@ static pliant_status add_fine(grading *work)
     if (status == PLIANT_OK) status = add_cubes(&fine, cubes, num_cubes);
     if (status == PLIANT_OK) status = add_tets(&fine);
     work->graded->num_fine = work->system->macros->count - work->graded->num_base;
-    void *blocks[] = {fine.was, fine.done, fine.shape, cubes};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(fine.was, fine.done, fine.shape, cubes);
     return status;
 }
 

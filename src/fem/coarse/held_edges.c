@@ -107,8 +107,6 @@ pliant_status pliant_soften_held_edges(pliant_system *system, const pliant_body 
         weigh(&work, body);
         soften(&work, system->macros);
     }
-    pliant_free(work.weight);
-    pliant_free(work.gain);
-    pliant_free(work.solid);
+    PLIANT_FREE(work.weight, work.gain, work.solid);
     return good ? PLIANT_OK : pliant_fail_memory("the coarse hexahedra");
 }

@@ -211,10 +211,8 @@ static void builder_free(lod_builder *lod)
         pliant_free(lod->correctors[cube].node);
         pliant_free(lod->correctors[cube].value);
     }
-    void *blocks[] = {lod->cell,   lod->cube_of_cell, lod->element_start, lod->elements,    lod->at_rest,
-                      lod->bulk,   lod->own,          lod->grounded,      lod->patch_nodes, lod->patch_means,
-                      lod->values, lod->mass,         lod->reach,         lod->correctors};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(lod->cell, lod->cube_of_cell, lod->element_start, lod->elements, lod->at_rest, lod->bulk, lod->own,
+                lod->grounded, lod->patch_nodes, lod->patch_means, lod->values, lod->mass, lod->reach, lod->correctors);
     pliant_system_clear(&lod->whole);
 }
 

@@ -25,9 +25,8 @@ typedef struct patch_problem {
 
 static void patch_free(patch_problem *patch)
 {
-    void *blocks[] = {patch->node, patch->mean, patch->lean, patch->weight, patch->pattern.start, patch->pattern.row,
-                      patch->values, patch->bulk, patch->z, patch->s, patch->t};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(patch->node, patch->mean, patch->lean, patch->weight, patch->pattern.start, patch->pattern.row,
+                patch->values, patch->bulk, patch->z, patch->s, patch->t);
 }
 
 /* List the free fine nodes in the box of the patch without adjacent tetrahedra outside of it. */

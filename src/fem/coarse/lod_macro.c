@@ -142,11 +142,7 @@ typedef struct cube_work {
     double *root;       /* (columns x columns) */
 } cube_work;
 
-static void work_free(cube_work *work)
-{
-    void *blocks[] = {work->node, work->shape, work->force, work->matrix, work->root};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
-}
+static void work_free(cube_work *work) { PLIANT_FREE(work->node, work->shape, work->force, work->matrix, work->root); }
 
 static pliant_status work_create(const lod_builder *lod, lod_buffers *buffers, int32_t cube, cube_work *work)
 {

@@ -96,22 +96,15 @@ pliant_status pliant_submesh_create(const pliant_mesh *fine, const pliant_mesh *
 void pliant_submesh_free(pliant_submesh *submesh)
 {
     if (!submesh) return;
-    pliant_free(submesh->node);
-    pliant_free(submesh->local_of);
-    pliant_free(submesh->slot);
-    pliant_free(submesh->stiffness);
-    pliant_free(submesh->work);
-    pliant_free(submesh->square);
-    pliant_free(submesh);
+    PLIANT_FREE(submesh->node, submesh->local_of, submesh->slot, submesh->stiffness, submesh->work, submesh->square,
+                submesh);
 }
 
 static pliant_status reserve_capacity(pliant_submesh *submesh)
 {
     if (submesh->num_nodes <= submesh->capacity) return PLIANT_OK;
     size_t size = 3 * (size_t)submesh->num_nodes;
-    pliant_free(submesh->stiffness);
-    pliant_free(submesh->work);
-    pliant_free(submesh->square);
+    PLIANT_FREE(submesh->stiffness, submesh->work, submesh->square);
     submesh->stiffness = pliant_calloc(size * size, sizeof *submesh->stiffness);
     submesh->work = pliant_calloc(size * PLIANT_SUBMESH_COLUMNS, sizeof *submesh->work);
     submesh->square = pliant_calloc(size * size, sizeof *submesh->square);

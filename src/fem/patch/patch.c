@@ -112,9 +112,7 @@ static pliant_status buffers_create(const pliant_discretization *discretization,
 
 static void buffers_free(patch_buffers *buffers)
 {
-    pliant_free(buffers->element_forces);
-    pliant_free(buffers->positions);
-    pliant_free(buffers->coarse);
+    PLIANT_FREE(buffers->element_forces, buffers->positions, buffers->coarse);
     memset(buffers, 0, sizeof *buffers);
 }
 

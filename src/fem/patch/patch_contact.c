@@ -168,8 +168,5 @@ void patch_merge(pliant_data *data)
 
 void patch_contact_free(pliant_patch *patch)
 {
-    pliant_free(patch->inside.point);
-    pliant_free(patch->outside.point);
-    pliant_free(patch->point_of);
-    pliant_free(patch->own);
+    PLIANT_FREE(patch->inside.point, patch->outside.point, patch->point_of, patch->own);
 }

@@ -77,11 +77,7 @@ pliant_status pliant_active_set_create(const pliant_solver *solver, pliant_activ
 
 void pliant_active_set_free(pliant_active_set *active)
 {
-    pliant_free(active->contact_row);
-    pliant_free(active->factor);
-    pliant_free(active->right);
-    pliant_free(active->point_force);
-    pliant_free(active->pulled);
+    PLIANT_FREE(active->contact_row, active->factor, active->right, active->point_force, active->pulled);
 }
 
 static void spread(const pliant_active_set *active, const pliant_contact_problem *contacts, const double *row,

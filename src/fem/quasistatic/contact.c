@@ -16,31 +16,13 @@
 void pliant_contact_problem_free(pliant_contact_problem *contacts)
 {
     if (!contacts) return;
-    pliant_free(contacts->point);
-    pliant_free(contacts->frame);
-    pliant_free(contacts->goal);
-    pliant_free(contacts->start);
-    pliant_free(contacts->arm_start);
-    pliant_free(contacts->friction);
-    pliant_free(contacts->taken.force);
-    pliant_free(contacts->taken.motion);
-    pliant_free(contacts->found.force);
-    pliant_free(contacts->found.motion);
-    pliant_free(contacts->change);
+    PLIANT_FREE(contacts->point, contacts->frame, contacts->goal, contacts->start, contacts->arm_start,
+                contacts->friction, contacts->taken.force, contacts->taken.motion, contacts->found.force,
+                contacts->found.motion, contacts->change);
     pliant_compliance_free(&contacts->blocks);
-    pliant_free(contacts->unknown);
-    pliant_free(contacts->arm);
-    pliant_free(contacts->moving);
-    pliant_free(contacts->block);
-    pliant_free(contacts->rotated_block);
-    pliant_free(contacts->moved_unknowns);
-    pliant_free(contacts->visited);
-    pliant_free(contacts->matrix);
-    pliant_free(contacts->motion);
-    pliant_free(contacts->force);
-    pliant_free(contacts->sweeps);
-    pliant_free(contacts->step);
-    pliant_free(contacts);
+    PLIANT_FREE(contacts->unknown, contacts->arm, contacts->moving, contacts->block, contacts->rotated_block,
+                contacts->moved_unknowns, contacts->visited, contacts->matrix, contacts->motion, contacts->force,
+                contacts->sweeps, contacts->step, contacts);
 }
 
 static pliant_status create(pliant_solver *solver)

@@ -38,10 +38,7 @@ static void held_point(const pliant_solver *solver, const pliant_grasp_constrain
 
 static void free_arrays(pliant_grasp_constraint *grasp)
 {
-    pliant_free(grasp->unknown);
-    pliant_free(grasp->block);
-    pliant_free(grasp->rotated_block);
-    pliant_free(grasp->response);
+    PLIANT_FREE(grasp->unknown, grasp->block, grasp->rotated_block, grasp->response);
 }
 
 /* Allocate the weights of a grasp; the response is allocated on demand. */

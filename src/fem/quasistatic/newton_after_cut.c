@@ -22,9 +22,7 @@ typedef struct newton_step {
 
 static void free_step(newton_step *found)
 {
-    pliant_free(found->correction);
-    pliant_free(found->along);
-    pliant_free(found->pulls.row);
+    PLIANT_FREE(found->correction, found->along, found->pulls.row);
     pliant_active_set_free(&found->active);
 }
 

@@ -31,10 +31,7 @@ pliant_status pliant_nodal_rotations_create(const pliant_system *system, pliant_
 void pliant_nodal_rotations_free(pliant_nodal_rotations *rotations)
 {
     if (!rotations) return;
-    pliant_free(rotations->rotation);
-    pliant_free(rotations->before);
-    pliant_free(rotations->product);
-    pliant_free(rotations);
+    PLIANT_FREE(rotations->rotation, rotations->before, rotations->product, rotations);
 }
 
 /* Compute F of a block of elements. Grounded elements have F = I. */

@@ -132,9 +132,7 @@ static pliant_status order_after(const pliant_solver *solver, const pliant_preco
             for (int32_t f = first[i < before ? order[i] : before]; f > 0; f = next[f - 1])
                 refresh->order[placed++] = f - 1;
     }
-    pliant_free(first);
-    pliant_free(next);
-    pliant_free(order);
+    PLIANT_FREE(first, next, order);
     return placed == count ? PLIANT_OK : pliant_fail_memory("the background factorization");
 }
 
@@ -397,12 +395,7 @@ void pliant_refresh_free(pliant_solver *solver)
     pliant_nodal_rotations_free(refresh->rotations);
     pliant_secants_free(refresh->history);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_grasp_free(refresh->grasps + t);
-    pliant_free(refresh->x);
-    pliant_free(refresh->volume_pressure);
-    pliant_free(refresh->now);
-    pliant_free(refresh->tangents);
-    pliant_free(refresh->source);
-    pliant_free(refresh->order);
+    PLIANT_FREE(refresh->x, refresh->volume_pressure, refresh->now, refresh->tangents, refresh->source, refresh->order);
     pliant_discretization_release(refresh->of);
     pliant_free(refresh);
     solver->refresh = NULL;

@@ -24,11 +24,7 @@ pliant_status pliant_secants_create(const pliant_system *system, int32_t count, 
 void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
 {
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
-        pliant_free(secants[h].x);
-        pliant_free(secants[h].step);
-        pliant_free(secants[h].residual);
-        pliant_free(secants[h].pressure);
-        pliant_free(secants[h].pressure_step);
+        PLIANT_FREE(secants[h].x, secants[h].step, secants[h].residual, secants[h].pressure, secants[h].pressure_step);
     }
 }
 

@@ -35,11 +35,7 @@ static pliant_status final_state_create(pliant_solver *solver)
 /* Free all arrays of an iterate except x and its pressures. */
 static void iterate_free(pliant_iterate *iterate)
 {
-    pliant_free(iterate->step);
-    pliant_free(iterate->residual);
-    pliant_free(iterate->elastic);
-    pliant_free(iterate->free_step);
-    pliant_free(iterate->pressure_step);
+    PLIANT_FREE(iterate->step, iterate->residual, iterate->elastic, iterate->free_step, iterate->pressure_step);
     iterate->step = iterate->residual = iterate->elastic = iterate->free_step = iterate->pressure_step = NULL;
 }
 
@@ -48,14 +44,9 @@ static void free_buffers(pliant_solver *solver)
 {
     iterate_free(&solver->now);
     iterate_free(&solver->trial);
-    pliant_free(solver->trial.x);
-    pliant_free(solver->trial.pressure);
-    pliant_free(solver->previous_pressure);
-    pliant_free(solver->volume_change);
-    pliant_free(solver->volume_rows);
-    pliant_free(solver->final_state.at.step);
-    pliant_free(solver->final_state.at.residual);
-    pliant_free(solver->final_state.at.pressure_step);
+    PLIANT_FREE(solver->trial.x, solver->trial.pressure, solver->previous_pressure, solver->volume_change,
+                solver->volume_rows, solver->final_state.at.step, solver->final_state.at.residual,
+                solver->final_state.at.pressure_step);
     pliant_nodal_rotations_free(solver->rotations);
     pliant_secants_free(solver->history);
     pliant_free(solver->previous_x);
@@ -264,10 +255,7 @@ void pliant_solver_free(pliant_solver *solver)
     pliant_free(solver->now.x);
     pliant_free(solver->now.pressure);
     pliant_pressures_free(solver->pressures);
-    pliant_free(solver->load);
-    pliant_free(solver->weights.block);
-    pliant_free(solver->weights.is_listed);
-    pliant_free(solver->weights.unknown);
+    PLIANT_FREE(solver->load, solver->weights.block, solver->weights.is_listed, solver->weights.unknown);
     pliant_preconditioner_free(solver->preconditioner);
     pliant_free(solver);
 }

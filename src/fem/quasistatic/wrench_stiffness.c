@@ -115,10 +115,6 @@ pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, con
         if (rows.count > 0)
             *known = condense(&rows, contacts ? contacts->matrix : whole, width, matrix, right, stiffness);
     }
-    pliant_free(rows.row);
-    pliant_free(rows.motion);
-    pliant_free(whole);
-    pliant_free(matrix);
-    pliant_free(right);
+    PLIANT_FREE(rows.row, rows.motion, whole, matrix, right);
     return status;
 }

@@ -97,7 +97,5 @@ void pliant_rigid_pieces_interpolate(const pliant_rigid_pieces_saved *kept, doub
 void pliant_rigid_pieces_saved_free(pliant_rigid_pieces_saved *kept)
 {
     if (!kept) return;
-    pliant_free(kept->pieces);
-    pliant_free(kept->x);
-    pliant_free(kept);
+    PLIANT_FREE(kept->pieces, kept->x, kept);
 }

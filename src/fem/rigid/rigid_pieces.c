@@ -233,12 +233,10 @@ pliant_status pliant_rigid_pieces_create(const pliant_scene *scene, const pliant
 void pliant_rigid_pieces_free(pliant_rigid_pieces *rigid_pieces)
 {
     if (!rigid_pieces) return;
-    void *blocks[] = {rigid_pieces->pieces,       rigid_pieces->x,         rigid_pieces->detachment_positions,
-                      rigid_pieces->piece_of,     rigid_pieces->place,     rigid_pieces->of_node,
-                      rigid_pieces->contact_body, rigid_pieces->joint_at,  rigid_pieces->arms,
-                      rigid_pieces->near_walls,   rigid_pieces->node_area, rigid_pieces->triangle_start,
-                      rigid_pieces->triangle};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(rigid_pieces->pieces, rigid_pieces->x, rigid_pieces->detachment_positions, rigid_pieces->piece_of,
+                rigid_pieces->place, rigid_pieces->of_node, rigid_pieces->contact_body, rigid_pieces->joint_at,
+                rigid_pieces->arms, rigid_pieces->near_walls, rigid_pieces->node_area, rigid_pieces->triangle_start,
+                rigid_pieces->triangle);
     pliant_free(rigid_pieces);
 }
 

@@ -44,10 +44,7 @@ pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_
     if (body->coarse_fixed && (out->solved_fixed = pliant_calloc(coarse_nodes, 1)))
         memcpy(out->solved_fixed, body->coarse_fixed, coarse_nodes);
     if (!made->holders || !made->system || (body->coarse_fixed && !out->solved_fixed)) {
-        pliant_free(made->holders);
-        pliant_free(made->system);
-        pliant_free(made);
-        pliant_free(out->solved_fixed);
+        PLIANT_FREE(made->holders, made->system, made, out->solved_fixed);
         out->solved_fixed = NULL;
         return pliant_fail_memory("the equations");
     }
@@ -94,9 +91,7 @@ static pliant_status hold_homogenized(pliant_discretizing *work)
             "%d pieces of the coarse mesh are attached to fewer than three fixed nodes; they are fixed at their rest "
             "position",
             pieces);
-    pliant_free(held);
-    pliant_free(stands);
-    pliant_free(loose);
+    PLIANT_FREE(held, stands, loose);
     return status;
 }
 

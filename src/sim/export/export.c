@@ -75,11 +75,9 @@ static bool allocate(const pliant_mesh *mesh, mesh_arrays *out)
 
 static void free_arrays(mesh_arrays *arrays)
 {
-    void *const blocks[] = {arrays->place,      arrays->rest,         arrays->displacement, arrays->force,
-                            arrays->hexahedron, arrays->connectivity, arrays->offset,       arrays->type,
-                            arrays->fragment,   arrays->piece,        arrays->material,     arrays->fraction,
-                            arrays->von_mises,  arrays->stress,       arrays->strain};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(arrays->place, arrays->rest, arrays->displacement, arrays->force, arrays->hexahedron,
+                arrays->connectivity, arrays->offset, arrays->type, arrays->fragment, arrays->piece, arrays->material,
+                arrays->fraction, arrays->von_mises, arrays->stress, arrays->strain);
 }
 
 static void fill_nodes(const saved *what, mesh_arrays *out)
@@ -263,8 +261,7 @@ static pliant_status save_surface(const saved *what, const pliant_surface *surfa
     const int num_arrays = (int)(sizeof arrays / sizeof *arrays) - !what->contact_forces;
     if (status == PLIANT_OK)
         status = pliant_vtk_write(what->path, true, what->comment, rows, triangles, arrays, num_arrays);
-    void *const blocks[] = {a.place, a.rest, a.displacement, a.force, a.material, a.corner, a.offset, a.cut};
-    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    PLIANT_FREE(a.place, a.rest, a.displacement, a.force, a.material, a.corner, a.offset, a.cut);
     pliant_surface_points_free(&points);
     return status;
 }

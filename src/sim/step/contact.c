@@ -309,11 +309,6 @@ void pliant_contact_free(pliant_data *data)
     pliant_impact_zones_free(&search->zones);
     pliant_contact_surface_free(&search->outside);
     pliant_advance_free(search->advance);
-    pliant_free(search->surface);
-    pliant_free(search->surface_node);
-    pliant_free(search->found_at);
-    pliant_free(search->point_buffer.point);
-    pliant_free(search->overlaps);
-    pliant_free(search->place);
-    pliant_free(search);
+    PLIANT_FREE(search->surface, search->surface_node, search->found_at, search->point_buffer.point, search->overlaps,
+                search->place, search);
 }

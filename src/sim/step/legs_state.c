@@ -247,13 +247,6 @@ void pliant_legs_free(pliant_data *data)
     pliant_legs *legs = data->legs;
     if (!legs) return;
     pliant_rigid_pieces_saved_free(legs->rigid_pieces);
-    pliant_free(legs->positions);
-    pliant_free(legs->solved);
-    pliant_free(legs->fraction);
-    pliant_free(legs->island);
-    pliant_free(legs->points.point);
-    pliant_free(legs->mean_points.point);
-    pliant_free(legs->merged.point);
-    pliant_free(legs->node_loads.load);
-    pliant_free(legs);
+    PLIANT_FREE(legs->positions, legs->solved, legs->fraction, legs->island, legs->points.point,
+                legs->mean_points.point, legs->merged.point, legs->node_loads.load, legs);
 }
