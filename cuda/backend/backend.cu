@@ -7,6 +7,7 @@
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solve.h"
+#include "cuda/contact/near_triangles.h"
 #include "cuda/contact/tissue.h"
 #include "cuda/contact/volume_bound.h"
 #include "cuda/warp/warp.h"
@@ -27,6 +28,8 @@ struct cuda_data {
     bool is_on_host;        /* the host has this step's positions already */
     bool moved;             /* the host has changed its positions after the device */
     gpu_volume_bound volume;
+    gpu_near near;
+    pliant_status contact_status; /* of the tests of contact since the last solve, which report it */
 };
 
 static double *target_of(const cuda_data *state)
@@ -45,6 +48,7 @@ static void destroy(pliant_data *data)
     pliant_cuda_solver_free(state->solver);
     pliant_cuda_release_host(state->pinned_positions);
     pliant_cuda_volume_free(&state->volume);
+    pliant_cuda_near_free(&state->near);
     for (double *block : state->page_locked)
         if (block) pliant_cuda_unlock_pages(block);
     if (state->stream) cudaStreamDestroy(state->stream);
@@ -124,10 +128,17 @@ static pliant_status restart(const pliant_model *model, pliant_data *data)
     return pliant_cuda_solver_restart(state_of(data)->solver, data->solver);
 }
 
+/* Send the moved nodes of the solved mesh and of the fine mesh. */
 static pliant_status move(const pliant_model *, pliant_data *data)
 {
-    state_of(data)->moved = true;
-    return pliant_cuda_solver_move(state_of(data)->solver, data->solver);
+    cuda_data *state = state_of(data);
+    state->moved = true;
+    state->volume.has_near = false;
+    CUDA_TRY(pliant_cuda_solver_move(state->solver, data->solver));
+    if (!state->d_positions || pliant_host_moves_nodes(data)) return PLIANT_OK;
+    CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
+    state->moved = false;
+    return PLIANT_OK;
 }
 
 /* positions of a coarse mesh were downloaded at the end of the step */
@@ -157,28 +168,66 @@ static pliant_status begin_leg(pliant_data *data)
                : PLIANT_OK;
 }
 
-/* An error counts as "true": the host then tests the elements, and the next stage reports the error. */
-static bool may_have_small_elements(const pliant_model *model, pliant_data *data, bool in_leg)
+/* Keep an error of a test for the next solve. Meanwhile the host makes the test. */
+static bool succeeds(pliant_data *data, pliant_status status)
+{
+    if (status != PLIANT_OK) state_of(data)->contact_status = status;
+    return status == PLIANT_OK;
+}
+
+static pliant_status test_elements(const pliant_model *model, pliant_data *data, bool in_leg, bool *may_be_small)
 {
     cuda_data *state = state_of(data);
     gpu_volume_bound *volume = &state->volume;
+    bool is_any = true;
+    *may_be_small = true;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(state->device)));
+    CUDA_TRY(pliant_cuda_volume_set_body(volume, data->body, state->stream));
+    if (!has_positions(data) || (in_leg && !volume->has_from)) return PLIANT_OK;
+    if (in_leg || !volume->has_near)
+        CUDA_TRY(pliant_cuda_volume_test(volume, &model->contact, !in_leg, state->d_positions, state->stream, &is_any));
+    *may_be_small = in_leg ? is_any : volume->is_near;
+    return PLIANT_OK;
+}
+
+static bool may_have_small_elements(const pliant_model *model, pliant_data *data, bool in_leg)
+{
     bool may_be_small = true;
-    if (cudaSetDevice(state->device) != cudaSuccess || pliant_host_moves_nodes(data)) return true;
-    if (pliant_cuda_volume_set_body(volume, data->body, state->stream) != PLIANT_OK) return true;
-    if (!in_leg) return !has_positions(data) || !volume->has_near || volume->is_near;
-    if (!has_positions(data) || !volume->has_from ||
-        pliant_cuda_volume_end_leg(volume, &model->contact, state->d_positions, state->stream, &may_be_small) !=
-            PLIANT_OK)
-        return true;
-    return may_be_small;
+    return pliant_host_moves_nodes(data) || !succeeds(data, test_elements(model, data, in_leg, &may_be_small)) ||
+           may_be_small;
+}
+
+static pliant_status list_near(pliant_data *data, const pliant_near_surface *surface, bool in_leg, int32_t count,
+                               const pliant_near_region *regions, pliant_triangle_list *out)
+{
+    cuda_data *state = state_of(data);
+    const void *d_from = in_leg ? state->volume.d_from : state->d_positions;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(state->device)));
+    CUDA_TRY(pliant_cuda_near_set_surface(&state->near, surface, state->stream));
+    return pliant_cuda_near_find(&state->near, static_cast<const double *>(d_from), state->d_positions, count, regions,
+                                 state->stream, out);
+}
+
+static bool find_near(pliant_data *data, const pliant_near_surface *surface, bool in_leg, int32_t count,
+                      const pliant_near_region *regions, pliant_triangle_list *out)
+{
+    return has_positions(data) && (!in_leg || state_of(data)->volume.has_from) &&
+           succeeds(data, list_near(data, surface, in_leg, count, regions, out));
+}
+
+static pliant_status take_contact_status(pliant_data *data)
+{
+    const pliant_status status = state_of(data)->contact_status;
+    state_of(data)->contact_status = PLIANT_OK;
+    return status == PLIANT_OK ? status : pliant_fail(status, "the GPU failed: tests of contact");
 }
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     data->solver->background = &data->background;
     pliant_cuda_section_begin("solve");
-    if (data->contacts.count > 0) download(model, data);
-    pliant_status status = pliant_set_contact_points(data);
+    pliant_status status = take_contact_status(data);
+    if (status == PLIANT_OK) status = pliant_set_contact_points(data);
     if (status == PLIANT_OK) status = begin_leg(data);
     if (status == PLIANT_OK)
         status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
@@ -284,6 +333,7 @@ static constexpr pliant_backend table()
     made.upsample = upsample;
     made.copy_result_to_host = copy_result_to_host;
     made.may_have_small_elements = may_have_small_elements;
+    made.find_near = find_near;
     made.warp = warp;
     return made;
 }

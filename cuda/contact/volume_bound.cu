@@ -78,15 +78,16 @@ extern "C" pliant_status pliant_cuda_volume_begin_leg(gpu_volume_bound *bound, c
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_volume_end_leg(gpu_volume_bound *bound, const pliant_contact_settings *settings,
-                                                    const double *d_positions, cudaStream_t stream, bool *may_be_small)
+extern "C" pliant_status pliant_cuda_volume_test(gpu_volume_bound *bound, const pliant_contact_settings *settings,
+                                                 bool is_still, const double *d_positions, cudaStream_t stream,
+                                                 bool *may_be_small)
 {
     const size_t results = NUM_RESULTS * sizeof *bound->d_any;
     const unsigned blocks = (unsigned)((bound->num_tets + THREADS - 1) / THREADS);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(bound->d_any, 0, results, stream)));
     volume_kernel<<<blocks, THREADS, 0, stream>>>(
         bound->num_tets, static_cast<const int4 *>(bound->d_tets), static_cast<const double *>(bound->d_rest),
-        static_cast<const double *>(bound->d_from), d_positions, *settings, bound->d_any);
+        is_still ? d_positions : static_cast<const double *>(bound->d_from), d_positions, *settings, bound->d_any);
     CUDA_TRY(CUDA_LAUNCHED("volume_kernel"));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(bound->h_any, bound->d_any, results, cudaMemcpyDeviceToHost, stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));

@@ -19,7 +19,7 @@ typedef struct gpu_volume_bound {
     size_t tets_capacity, rest_capacity, from_capacity;
     int32_t *d_any, *h_any; /* (2) results */
     bool has_from;          /* d_from is set */
-    /* result of the last leg: an element is below volume_near at its end */
+    /* result of the last test: an element is below volume_near at its end */
     bool has_near, is_near;
 } gpu_volume_bound;
 
@@ -29,9 +29,10 @@ pliant_status pliant_cuda_volume_begin_leg(gpu_volume_bound *bound, const double
                                            cudaStream_t stream);
 /* Find whether an element may become too small during the leg, and whether one is below volume_near at its end.
  * Wait for the stream. Errors: UNAVAILABLE.
+ * @param is_still    the nodes do not move: d_from is not read
  * @param d_positions (nodes x 3) end of the leg [m] */
-pliant_status pliant_cuda_volume_end_leg(gpu_volume_bound *bound, const pliant_contact_settings *settings,
-                                         const double *d_positions, cudaStream_t stream, bool *may_be_small);
+pliant_status pliant_cuda_volume_test(gpu_volume_bound *bound, const pliant_contact_settings *settings, bool is_still,
+                                      const double *d_positions, cudaStream_t stream, bool *may_be_small);
 /* Send the topology, unless it is there. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_volume_set_body(gpu_volume_bound *bound, const pliant_body *body, cudaStream_t stream);
 

@@ -4,6 +4,8 @@
 #ifndef PLIANT_BACKEND_BACKEND_H
 #define PLIANT_BACKEND_BACKEND_H
 
+#include "contact/advance/near_triangles.h"
+#include "contact/detect/contact_surface.h"
 #include "contact/detect/tissue.h"
 #include "model_data/data.h"
 #include "scene/gpu_choice.h"
@@ -32,6 +34,12 @@ typedef struct pliant_host_solver {
     const pliant_backend *cpu, *cuda; /* backends that run its steps; cuda is NULL in a build without CUDA */
 } pliant_host_solver;
 extern const pliant_host_solver pliant_corotational, pliant_explicit;
+
+/* The surface of contact: triangles, and the points of tetrahedra that are their corners (contact_surface.h). */
+typedef struct pliant_near_surface {
+    const pliant_body *body;
+    const pliant_contact_surface *corners; /* Nullable: the corners are nodes */
+} pliant_near_surface;
 
 struct pliant_backend {
     const char *name;
@@ -67,6 +75,11 @@ struct pliant_backend {
      * its limit between data->legs->positions and the positions. Otherwise test volume_near at the positions. Return
      * true if the backend does not have these positions. Nullable: the host tests all elements. */
     bool (*may_have_small_elements)(const pliant_model *model, pliant_data *data, bool in_leg);
+    /* List the triangles of the surface that may be near one of the regions (contact/advance/near_triangles.h). In a
+     * leg, nodes move from data->legs->positions to the positions; otherwise they are at the positions. Return false if
+     * the backend does not have these positions. Nullable: the host tests all triangles. */
+    bool (*find_near)(pliant_data *data, const pliant_near_surface *surface, bool in_leg, int32_t count,
+                      const pliant_near_region *regions, pliant_triangle_list *out);
     pliant_status (*warp)(const pliant_model *model, pliant_data *data);
 };
 

@@ -7,6 +7,7 @@
 // method is averaged, with elements of 4 cells. 60 cells: 1.08 million tetrahedra.
 #include "../pipeline/body.h"
 #include "figure.h"
+#include "sim/api/data.h"
 
 #include <array>
 
@@ -71,7 +72,7 @@ void measure(pliant_backend_choice backend, int cells, int iterations)
 {
     Block pressed(backend, cells, iterations), alone(backend, cells, iterations);
     for (int t = 0; t < NUM_TOOLS; t++) add_ball(pressed, t);
-    std::vector<double> with, without, contact;
+    std::vector<double> with, without, stage[PLIANT_NUM_STEP_STAGES];
     int32_t points = 0, legs = 0, evaluations = 0;
     for (int step = 0; step <= PRESS + SLIDE; step++) {
         move_tools(pressed, step);
@@ -82,16 +83,19 @@ void measure(pliant_backend_choice backend, int cells, int iterations)
         const pliant_statistics &statistics = pressed.data->statistics;
         with.push_back(total(statistics));
         without.push_back(total(alone.data->statistics));
-        contact.push_back(1e3 * statistics.seconds[PLIANT_STEP_contact]);
+        for (int n = 0; n < PLIANT_NUM_STEP_STAGES; n++) stage[n].push_back(1e3 * statistics.seconds[n]);
         points = std::max(points, statistics.contacts);
         legs = std::max(legs, statistics.legs);
         evaluations = std::max(evaluations, statistics.iterations);
     }
     std::printf(
         "%s, %d tetrahedra, %d evaluations at most (%d made), up to %d contact points and %d legs: step %.3f ms, "
-        "without tools %.3f ms; stage contact %.3f ms; worst step %.3f ms\n",
+        "without tools %.3f ms; worst step %.3f ms; stages:",
         pliant_data_get_backend(pressed.data), pressed.data->body->fine.num_tets, iterations, evaluations, points, legs,
-        median(with), median(without), median(contact), *std::max_element(with.begin(), with.end()));
+        median(with), median(without), *std::max_element(with.begin(), with.end()));
+    for (int n = 0; n < PLIANT_NUM_STEP_STAGES; n++)
+        std::printf(" %s %.3f", pliant_step_stage_name(n), median(stage[n]));
+    std::printf(" ms\n");
     const std::string name = std::string("tools/") + pliant_data_get_backend(pressed.data);
     figure(name + "/step", median(with), "ms");
     figure(name + "/without_tools", median(without), "ms");

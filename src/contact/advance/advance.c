@@ -16,11 +16,13 @@ pliant_status pliant_advance_create(const pliant_contact_settings *settings, pli
     return PLIANT_OK;
 }
 
+void pliant_advance_set_finder(pliant_advance *advance, const pliant_near_finder *finder) { advance->finder = finder; }
+
 void pliant_advance_free(pliant_advance *advance)
 {
     if (!advance) return;
-    PLIANT_FREE(advance->pair, advance->pair_time, advance->motion, advance->box, advance->near, advance->group,
-                advance->self);
+    PLIANT_FREE(advance->pair, advance->pair_time, advance->motion, advance->region, advance->box, advance->near,
+                advance->group, advance->self);
     pliant_advance_tree_free(&advance->tree);
     pliant_free(advance);
 }
@@ -40,7 +42,8 @@ static pliant_advance_triangle triangle_of(const surface *of, const pliant_advan
 /* Make one iteration for every pair. Most pairs need no other. */
 static void step_all(pliant_advance *advance, const surface *of, int num_threads)
 {
-#pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads)
+    const int32_t several = 256; /* fewer are faster on one thread */
+#pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads) if (advance->num_pairs > several)
     for (int32_t n = 0; n < advance->num_pairs; n++) {
         pliant_advance_pair *pair = advance->pair + n;
         const pliant_advance_triangle triangle = triangle_of(of, pair);
@@ -71,8 +74,8 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
     const int threads = pliant_threads_or_cores(num_threads);
     double margin = 0, smallest = 1;
     for (int32_t p = 0; p < count; p++) margin = fmax(margin, advance->settings.advance_stop * parts[p].guard);
-    pliant_status status =
-        pliant_advance_broad_phase(advance, num_triangles, triangles, from, to, count, parts, margin, false, threads);
+    pliant_status status = pliant_advance_broad_phase(advance, num_triangles, triangles, from, to, count, parts, margin,
+                                                      false, threads, advance->finder);
     if (status == PLIANT_OK) status = pliant_advance_reserve_times(advance, advance->num_pairs);
     if (status != PLIANT_OK) return status;
     step_all(advance, &of, threads);

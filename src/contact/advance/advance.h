@@ -13,6 +13,7 @@
 #ifndef PLIANT_CONTACT_ADVANCE_H
 #define PLIANT_CONTACT_ADVANCE_H
 
+#include "contact/advance/near_triangles.h"
 #include "contact/settings.h"
 #include "pliant/contact.h"
 
@@ -45,6 +46,10 @@ typedef struct pliant_advance pliant_advance;
 /* @param settings Nullable: the defaults. Errors: MEMORY */
 pliant_status pliant_advance_create(const pliant_contact_settings *settings, pliant_advance **out);
 void pliant_advance_free(pliant_advance *advance); /* Nullable */
+
+/* Set a function that lists the triangles near the parts for pliant_advance_find. It may also set the positions `to` of
+ * these triangles. Nullable */
+void pliant_advance_set_finder(pliant_advance *advance, const pliant_near_finder *finder);
 
 /* Return the guard depth of a part: the depth from its surface to its core [m]. smallest_cell: of the mesh [m] */
 double pliant_advance_guard(const pliant_contact_settings *settings, const pliant_part *part, double smallest_cell);

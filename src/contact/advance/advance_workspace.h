@@ -24,11 +24,13 @@ typedef struct pliant_advance_pair_time {
 
 struct pliant_advance {
     pliant_contact_settings settings;
+    const pliant_near_finder *finder; /* Nullable */
     int32_t num_pairs, max_pairs, max_parts, max_triangles;
     pliant_advance_pair *pair; /* (max_pairs) in ascending order of parts, then triangles */
     int32_t max_pair_times;
     pliant_advance_pair_time *pair_time; /* (max_pair_times) pairs that may limit the leg */
     pliant_advance_motion *motion; /* (max_parts) */
+    pliant_near_region *region;    /* (max_parts) */
     int32_t *near;                 /* (max_triangles) triangles that are near any part, ascending */
     pliant_advance_box *box;       /* (max_triangles) around those */
     int32_t *group;                /* (max_triangles) indices into near: triangles near one tool */
@@ -63,9 +65,11 @@ bool pliant_segment_crosses_triangle(const double corner[3][3], const double end
 /* Fill motion and pair with all pairs whose core distance can reach `margin` or less during the leg. Held triangles
  * are left out.
  * @param still parts stay at their first poses
+ * @param finder Nullable: lists the triangles to test
  * Errors: MEMORY. */
 pliant_status pliant_advance_broad_phase(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                          const double *from, const double *to, int32_t count,
-                                         const pliant_advance_part *parts, double margin, bool still, int num_threads);
+                                         const pliant_advance_part *parts, double margin, bool still, int num_threads,
+                                         const pliant_near_finder *finder);
 
 #endif

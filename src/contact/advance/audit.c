@@ -83,7 +83,7 @@ pliant_status pliant_advance_audit(pliant_advance *advance, int32_t num_triangle
     double margin = 0;
     for (int32_t p = 0; p < count; p++) margin = fmax(margin, parts[p].guard);
     const pliant_status status = pliant_advance_broad_phase(advance, num_triangles, triangles, positions, positions,
-                                                            count, parts, margin, true, threads);
+                                                            count, parts, margin, true, threads, NULL);
     if (status != PLIANT_OK) return status;
     *out = (pliant_advance_audit_result){.minimum = INFINITY};
 #pragma omp parallel for schedule(dynamic, 16) num_threads(threads)

@@ -12,12 +12,18 @@ typedef pliant_advance_box box;
 
 /* ---- buffers */
 
-static bool reserve(pliant_advance *advance, int32_t triangles, int32_t parts)
+static bool reserve_parts(pliant_advance *advance, int32_t parts)
 {
     if (parts > advance->max_parts) {
         if (!pliant_grow(&advance->motion, (size_t)parts, sizeof *advance->motion)) return false;
+        if (!pliant_grow(&advance->region, (size_t)parts, sizeof *advance->region)) return false;
         advance->max_parts = parts;
     }
+    return true;
+}
+
+static bool reserve_triangles(pliant_advance *advance, int32_t triangles)
+{
     if (triangles > advance->max_triangles) {
         if (!pliant_grow(&advance->box, (size_t)triangles, sizeof *advance->box)) return false;
         if (!pliant_grow(&advance->near, (size_t)triangles, sizeof *advance->near)) return false;
@@ -208,23 +214,45 @@ static bool is_near(const reach *of, const int32_t node[3], const double *from, 
     return near;
 }
 
+void pliant_near_limit_to_half_space(const pliant_part *half_space, double margin, pliant_near_region *region)
+{
+    const double size = pliant_length3(half_space->to);
+    for (int d = 0; d < 3; d++) region->normal[d] = half_space->to[d] / size;
+    region->offset = pliant_dot3(region->normal, half_space->from) + margin;
+}
+
+/* Return where the core of a part can touch triangles. */
+static pliant_near_region region_of(const pliant_advance_motion *motion, double margin)
+{
+    pliant_near_region region = {.offset = INFINITY};
+    for (int d = 0; d < 3; d++) {
+        region.low[d] = motion->low[d] - margin;
+        region.high[d] = motion->high[d] + margin;
+    }
+    if (motion->core.kind == PLIANT_PART_HALF_SPACE && !motion->leg->shape)
+        pliant_near_limit_to_half_space(&motion->core, margin, &region);
+    return region;
+}
+
 /* List the triangles that are near any part, ascending, with their boxes. */
-static int32_t list_near(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles, const double *from,
-                         const double *to, int32_t count, double margin, int num_threads)
+static int32_t list_near(pliant_advance *advance, const pliant_triangle_list *list, const int32_t *triangles,
+                         const double *from, const double *to, int32_t count, double margin, int num_threads)
 {
     const reach of = reach_of(advance, count, margin);
-    const int32_t chunks = (num_triangles + CHUNK - 1) / CHUNK;
+    const int32_t chunks = (list->count + CHUNK - 1) / CHUNK;
 #pragma omp parallel for schedule(static) num_threads(num_threads) if (num_threads > 1 && chunks > 4)
     for (int32_t chunk = 0; chunk < chunks; chunk++) {
         int32_t put = chunk * CHUNK;
-        const int32_t end = put + CHUNK < num_triangles ? put + CHUNK : num_triangles;
-        for (int32_t t = put; t < end; t++)
+        const int32_t end = put + CHUNK < list->count ? put + CHUNK : list->count;
+        for (int32_t n = put; n < end; n++) {
+            const int32_t t = pliant_triangle_at(list, n);
             if (is_near(&of, triangles + 3 * (size_t)t, from, to, advance->box + put)) advance->near[put++] = t;
+        }
         if (put < end) advance->near[put] = -1;
     }
     int32_t found = 0;
     for (int32_t chunk = 0; chunk < chunks; chunk++)
-        for (int32_t n = chunk * CHUNK; n < num_triangles && n < (chunk + 1) * CHUNK && advance->near[n] >= 0; n++) {
+        for (int32_t n = chunk * CHUNK; n < list->count && n < (chunk + 1) * CHUNK && advance->near[n] >= 0; n++) {
             advance->box[found] = advance->box[n];
             advance->near[found++] = advance->near[n];
         }
@@ -244,14 +272,20 @@ static int32_t list_group(pliant_advance *advance, int32_t found, int32_t first,
 
 pliant_status pliant_advance_broad_phase(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                          const double *from, const double *to, int32_t count,
-                                         const pliant_advance_part *parts, double margin, bool still, int num_threads)
+                                         const pliant_advance_part *parts, double margin, bool still, int num_threads,
+                                         const pliant_near_finder *finder)
 {
     int32_t end = 0, grouped = 0;
     advance->num_pairs = 0;
     if (count == 0 || num_triangles == 0) return PLIANT_OK;
-    if (!reserve(advance, num_triangles, count)) return pliant_fail_memory("contact advance");
-    for (int32_t p = 0; p < count; p++) pliant_advance_motion_init(parts + p, still, advance->motion + p);
-    const int32_t found = list_near(advance, num_triangles, triangles, from, to, count, margin, num_threads);
+    if (!reserve_parts(advance, count)) return pliant_fail_memory("contact advance");
+    for (int32_t p = 0; p < count; p++) {
+        pliant_advance_motion_init(parts + p, still, advance->motion + p);
+        advance->region[p] = region_of(advance->motion + p, margin);
+    }
+    const pliant_triangle_list list = pliant_near_find(finder, num_triangles, count, advance->region);
+    if (!reserve_triangles(advance, list.count)) return pliant_fail_memory("contact advance");
+    const int32_t found = list_near(advance, &list, triangles, from, to, count, margin, num_threads);
     for (int32_t p = 0; p < count; p++) {
         if (p == end) {
             for (end = p + 1; end < count && parts[p].shape && parts[end].shape == parts[p].shape; end++) {}

@@ -321,7 +321,7 @@ static const double *weights_of(const pliant_contact_surface *surface, int32_t n
 void pliant_contact_surface_corner(const pliant_contact_surface *surface, int32_t node, const double *positions,
                                    double out[3])
 {
-    const int32_t tet = surface->tet[node];
+    const int32_t tet = surface ? surface->tet[node] : -1;
     memcpy(out, positions + 3 * (size_t)node, 3 * sizeof *out);
     if (tet < 0) return;
     const int32_t *corner = surface->view.fine.tets + 4 * (size_t)tet;
@@ -343,14 +343,14 @@ int pliant_contact_surface_support(const pliant_contact_surface *surface, int32_
     return 4;
 }
 
-void pliant_contact_surface_update(pliant_contact_surface *surface, const double *positions, int num_threads)
+void pliant_contact_surface_corners(const pliant_contact_surface *surface, int32_t count, const int32_t *nodes,
+                                    const double *positions, int num_threads, double *out)
 {
-    const pliant_mesh *mesh = &surface->view.fine;
-#pragma omp parallel for schedule(static) num_threads(num_threads)
-    for (int32_t n = 0; n < mesh->num_nodes; n++) {
-        const size_t at = 3 * (size_t)n;
-        if (surface->tet[n] >= 0) pliant_contact_surface_corner(surface, n, positions, surface->positions + at);
-        else memcpy(surface->positions + at, positions + at, 3 * sizeof *positions);
+    const int32_t several = 4096; /* fewer are faster on one thread */
+#pragma omp parallel for schedule(static) num_threads(num_threads) if (count > several)
+    for (int32_t n = 0; n < count; n++) {
+        const size_t node = (size_t)(nodes ? nodes[n] : n);
+        pliant_contact_surface_corner(surface, (int32_t)node, positions, out + 3 * node);
     }
 }
 

@@ -44,14 +44,18 @@ void pliant_contact_surface_free(pliant_contact_surface *surface); /* frees its 
 /* Set the topology. Do nothing if it is the current one. Errors: MEMORY. */
 pliant_status pliant_contact_surface_set_body(pliant_contact_surface *surface,
                                               const pliant_contact_surface_voxels *voxels, const pliant_body *body);
-/* Compute the position of a surface node's corner. positions: (nodes x 3) [m] */
+/* Compute the position of a surface node's corner. surface: Nullable: it is the node. positions: (nodes x 3) [m] */
 void pliant_contact_surface_corner(const pliant_contact_surface *surface, int32_t node, const double *positions,
                                    double out[3]);
 /* Find the nodes that move a surface node's corner, and their weights. Return their number, 1 or 4. */
 int pliant_contact_surface_support(const pliant_contact_surface *surface, int32_t node, int32_t support[4],
                                    double weights[4]);
-/* Compute outside->positions from the positions of the nodes. */
-void pliant_contact_surface_update(pliant_contact_surface *surface, const double *positions, int num_threads);
+/* Compute the positions of the corners of some nodes, from the positions of all nodes.
+ * @param surface Nullable: the corners are the nodes
+ * @param nodes Nullable: (count); NULL: the first ones
+ * @param positions, out (nodes x 3) [m] */
+void pliant_contact_surface_corners(const pliant_contact_surface *surface, int32_t count, const int32_t *nodes,
+                                    const double *positions, int num_threads, double *out);
 /* Replace the weights of corners by weights of nodes in contact points. */
 void pliant_contact_surface_map_weights(const pliant_contact_surface *surface, pliant_contacts *contacts);
 

@@ -23,6 +23,11 @@ void pliant_contact_detector_free(pliant_contact_detector *detector)
                 detector->slot, detector);
 }
 
+void pliant_contact_detector_set_finder(pliant_contact_detector *detector, const pliant_near_finder *finder)
+{
+    detector->finder = finder;
+}
+
 pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t capacity)
 {
     if (capacity <= contacts->capacity) return PLIANT_OK;

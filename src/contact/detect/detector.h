@@ -17,6 +17,7 @@ typedef struct pliant_feature {
 
 struct pliant_contact_detector {
     pliant_contact_settings settings;
+    const pliant_near_finder *finder; /* Nullable */
     pliant_broad broad;
     int32_t *triangle;      /* triangles near a part */
     pliant_feature *face, *edge, *node;

@@ -5,8 +5,9 @@
 #include "base/memory.h"
 
 #include <math.h>
+#include <string.h>
 
-static pliant_status reserve_capacity(pliant_broad *broad, int32_t triangles)
+static pliant_status reserve_triangles(pliant_broad *broad, int32_t triangles)
 {
     if (triangles <= broad->near_capacity && broad->near) return PLIANT_OK;
     if (!pliant_grow(&broad->near, (size_t)triangles + 1, sizeof *broad->near) ||
@@ -28,6 +29,18 @@ static box box_of(const pliant_moving_part *part)
         around.high[d] += part->margin + part->max_motion;
     }
     return around;
+}
+
+/* A half-space of an obstacle has an infinite box. */
+static pliant_near_region region_of(const pliant_moving_part *part)
+{
+    const box around = box_of(part);
+    pliant_near_region region = {.offset = INFINITY};
+    memcpy(region.low, around.low, sizeof region.low);
+    memcpy(region.high, around.high, sizeof region.high);
+    if (part->part->kind == PLIANT_PART_HALF_SPACE && !part->shape)
+        pliant_near_limit_to_half_space(part->part, part->margin + part->max_motion, &region);
+    return region;
 }
 
 static pliant_ball ball_of(const double *positions, const int32_t *nodes)
@@ -59,9 +72,12 @@ static bool is_apart(const box *around, const double *positions, const int32_t *
 }
 
 pliant_status pliant_broad_find_all(pliant_broad *broad, const pliant_body *body, const double *positions,
-                                    int32_t count, const pliant_moving_part *parts)
+                                    int32_t count, const pliant_moving_part *parts, const pliant_near_finder *finder)
 {
-    pliant_status status = reserve_capacity(broad, body->num_triangles);
+    if (!pliant_ensure(&broad->region, (size_t)count, sizeof *broad->region)) return pliant_fail_memory("contacts");
+    for (int32_t p = 0; p < count; p++) broad->region[p] = region_of(parts + p);
+    const pliant_triangle_list list = pliant_near_find(finder, body->num_triangles, count, broad->region);
+    const pliant_status status = reserve_triangles(broad, list.count);
     if (status != PLIANT_OK) return status;
     box around = box_of(parts);
     for (int32_t p = 1; p < count; p++) {
@@ -72,8 +88,8 @@ pliant_status pliant_broad_find_all(pliant_broad *broad, const pliant_body *body
         }
     }
     broad->num_near = 0;
-    for (int32_t t = 0; t < body->num_triangles; t++) {
-        const int32_t *nodes = body->triangles + 3 * (size_t)t;
+    for (int32_t n = 0; n < list.count; n++) {
+        const int32_t t = pliant_triangle_at(&list, n), *nodes = body->triangles + 3 * (size_t)t;
         if (is_apart(&around, positions, nodes)) continue;
         broad->near[broad->num_near] = t;
         broad->ball[broad->num_near++] = ball_of(positions, nodes);
@@ -104,4 +120,5 @@ void pliant_broad_free(pliant_broad *broad)
 {
     pliant_free(broad->near);
     pliant_free(broad->ball);
+    pliant_free(broad->region);
 }

@@ -499,7 +499,7 @@ pliant_status pliant_contact_find(pliant_contact_detector *detector, const plian
 {
     detector->has_delayed = false;
     if (count == 0) return PLIANT_OK;
-    pliant_status status = pliant_broad_find_all(&detector->broad, body, positions, count, parts);
+    pliant_status status = pliant_broad_find_all(&detector->broad, body, positions, count, parts, detector->finder);
     if (status == PLIANT_OK) status = pliant_contact_detector_reserve(detector, body);
     for (int32_t p = 0; p < count && status == PLIANT_OK; p++) {
         search on = {.detector = detector,

@@ -4,6 +4,7 @@
 
 #include "contact/contact.h"
 #include "contact/advance/advance.h"
+#include "contact/advance/near_triangles.h"
 #include "contact/shapes/shapes.h"
 
 #ifdef __cplusplus
@@ -41,6 +42,9 @@ void pliant_contact_detector_free(pliant_contact_detector *detector);          /
 pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t capacity);
 /* Copy points. Errors: MEMORY (nothing changed). */
 pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts *to);
+
+/* Set a function that lists the triangles near the parts, for the searches that follow. Nullable */
+void pliant_contact_detector_set_finder(pliant_contact_detector *detector, const pliant_near_finder *finder);
 
 /* Find the contact points of all parts and append them. They are ordered by part, and within a part by feature.
  * The top byte of a feature is 16 tool + part, or 128 + the obstacle's number. The next two bits are the kind: 0

@@ -154,7 +154,9 @@ static void set_point(const pliant_solver *solver, pliant_contact_point *point, 
     for (int32_t k = 0; k < point->count; k++)
         for (int d = 0; d < 3; d++) y[d] += point->weight[k] * fine_positions[3 * (size_t)point->node[k] + (size_t)d];
     for (int d = 0; d < 3 && !point->was_pressed; d++) point->anchor[d] = y[d] + point->drift[d] - point->place[d];
-    moved_point(solver->system, contacts, c, solver->now.x, moved);
+    /* a GPU that solves the fine mesh does not update now.x in every step */
+    const double *solved = pliant_solves_fine(solver->system) ? fine_positions : solver->now.x;
+    moved_point(solver->system, contacts, c, solved, moved);
     pliant_contact_problem_rotation_part(contacts, c, bend);
     double across = 0;
     for (int d = 0; d < 3; d++) across += frame[d] * point->anchor[d];

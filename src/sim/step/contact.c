@@ -160,9 +160,10 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, max_piece_motion);
     const bool has_zones = data->body->has_inertia && data->backend->state_is_on_host && rule.thickness > 0;
     if (outside && rule.thickness > 0 && !tissue->exempt) {
-        pliant_contact_surface_update(outside, data->body->fine.rest, threads);
+        const pliant_mesh *mesh = &data->body->fine;
+        pliant_contact_surface_corners(outside, mesh->num_nodes, NULL, mesh->rest, threads, outside->positions);
         status = pliant_tissue_set_rest(tissue, outside->positions);
-        pliant_contact_surface_update(outside, data->positions, threads);
+        pliant_contact_surface_corners(outside, mesh->num_nodes, NULL, data->positions, threads, outside->positions);
     }
     if (status == PLIANT_OK)
         status = pliant_tissue_find(tissue, outside ? outside->positions : data->positions, &rule, out);
@@ -205,14 +206,18 @@ static void set_bodies(pliant_data *data)
 
 /* Find the contact points with tools and obstacles, of tissue on tissue, and of pieces on walls. Errors: MEMORY. */
 static pliant_status find_points(const pliant_model *model, pliant_data *data, const pliant_body *body,
-                                 const double *positions, double max_piece_motion)
+                                 double max_piece_motion)
 {
     pliant_contact_search *search = data->contact_search;
-    pliant_status status = pliant_contact_keep_found(model, data, body);
+    pliant_contact_near near = {model, data, false};
+    const pliant_near_finder finder = {pliant_contact_find_near, &near};
+    pliant_status status = pliant_contact_keep_found(model, data);
+    pliant_contact_detector_set_finder(search->detector, &finder);
     if (status == PLIANT_OK)
-        status =
-            pliant_contact_find(search->detector, body, positions, &data->contacts, data->legs->use_plane_constraints,
-                                search->num_parts, search->part, &search->point_buffer);
+        status = pliant_contact_find(search->detector, body, search->surface, &data->contacts,
+                                     data->legs->use_plane_constraints, search->num_parts, search->part,
+                                     &search->point_buffer);
+    pliant_contact_detector_set_finder(search->detector, NULL);
     search->found = search->found && !pliant_contact_has_delayed(search->detector);
     if (status == PLIANT_OK && pliant_contact_touches_itself(model))
         status = find_tissue(model, data, max_piece_motion, &search->point_buffer);
@@ -254,14 +259,12 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
     if (data->tled) data->tled->zones = NULL;
     const double max_piece_motion = data->rigid_pieces ? pliant_rigid_pieces_predict(data) : 0;
     const pliant_body *body = NULL;
-    const double *positions = NULL;
     if (data->rigid_pieces) pliant_contact_mark_pieces(data);
     gather_parts(model, data);
-    status = pliant_contact_find_surface(model, data, &body, &positions);
-    if (status == PLIANT_OK) status = pliant_contact_keep_surface(model, search, body, positions);
+    status = pliant_contact_begin_surface(model, data, &body);
     bool are_reused = false;
     if (status == PLIANT_OK) status = pliant_contact_reuse(model, data, &are_reused);
-    if (status == PLIANT_OK && !are_reused) status = find_points(model, data, body, positions, max_piece_motion);
+    if (status == PLIANT_OK && !are_reused) status = find_points(model, data, body, max_piece_motion);
     if (status != PLIANT_OK) return status;
     const int32_t first = are_reused ? search->point_buffer.count : 0;
     if (pliant_contact_bounds_volumes(data)) status = find_small_elements(model, data);

@@ -34,8 +34,7 @@ void pliant_contact_follow_proxies(pliant_data *data);
 /* Check a tool at a pose: whether no surface is in its core, and whether the tool is inside tissue. Errors: MEMORY. */
 pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int tool,
                                      const pliant_tool_pose *pose, bool *is_free, bool *is_inside);
-/* Return whether a tool's motion comes near the bounding box of the surface, as it was at the last search for
- * contact points. */
+/* Return whether a tool's motion comes near the bounding box of the surface. True also without memory for the check. */
 bool pliant_contact_is_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
                             const pliant_tool_pose *to);
 /* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces. */

@@ -1,4 +1,5 @@
 /* The surface that contact uses, and the largest fraction of a leg that is free of penetration. */
+#include "backend/backend.h"
 #include "base/buffer.h"
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
@@ -9,28 +10,7 @@
 #include <math.h>
 #include <string.h>
 
-pliant_status pliant_contact_find_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
-                                          const double **positions)
-{
-    pliant_contact_surface *outside = &data->contact_search->outside;
-    *body = data->body;
-    *positions = data->positions;
-    if (!pliant_contact_is_within_elements(model)) return PLIANT_OK;
-    const pliant_contact_surface_voxels voxels = {.load = model->body,
-                                                  .geometry = &model->scan->geometry,
-                                                  .material_of_voxel = model->material_of_voxel,
-                                                  .materials = &model->materials,
-                                                  .has_self_contact = pliant_contact_touches_itself(model),
-                                                  .threads = data->discretization->system->num_threads};
-    pliant_status status = pliant_contact_surface_set_body(outside, &voxels, data->body);
-    if (status != PLIANT_OK) return status;
-    pliant_contact_surface_update(outside, data->positions, voxels.threads);
-    *body = &outside->view;
-    *positions = outside->positions;
-    return PLIANT_OK;
-}
-
-/* List the nodes of the surface's triangles. */
+/* List the nodes of the surface's triangles. Errors: MEMORY. */
 static pliant_status list_surface_nodes(pliant_contact_search *search, const pliant_body *body)
 {
     const int32_t nodes = body->fine.num_nodes;
@@ -48,28 +28,102 @@ static pliant_status list_surface_nodes(pliant_contact_search *search, const pli
     return PLIANT_OK;
 }
 
-pliant_status pliant_contact_keep_surface(const pliant_model *model, pliant_contact_search *search,
-                                          const pliant_body *body, const double *positions)
+/* Set the topology of the surface. outside: out: its corners; NULL: the corners are the nodes. Errors: MEMORY. */
+static pliant_status choose_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
+                                    pliant_contact_surface **outside)
 {
-    const int32_t nodes = body->fine.num_nodes;
+    pliant_contact_search *search = data->contact_search;
+    *body = data->body;
+    *outside = NULL;
+    if (!pliant_contact_is_within_elements(model)) return list_surface_nodes(search, data->body);
+    const pliant_contact_surface_voxels voxels = {.load = model->body,
+                                                  .geometry = &model->scan->geometry,
+                                                  .material_of_voxel = model->material_of_voxel,
+                                                  .materials = &model->materials,
+                                                  .has_self_contact = pliant_contact_touches_itself(model),
+                                                  .threads = data->discretization->system->num_threads};
+    const pliant_status status = pliant_contact_surface_set_body(&search->outside, &voxels, data->body);
+    *outside = &search->outside;
+    *body = &search->outside.view;
+    return status == PLIANT_OK ? list_surface_nodes(search, *body) : status;
+}
+
+/* Compute the corners of the surface. Contact of tissue on tissue needs all nodes, since its tetrahedra have other
+ * nodes than the surface. */
+static void find_corners(const pliant_model *model, pliant_data *data, const double *positions, double *out)
+{
+    const pliant_contact_search *search = data->contact_search;
+    const bool all = pliant_contact_touches_itself(model);
+    pliant_contact_surface_corners(pliant_contact_is_within_elements(model) ? &search->outside : NULL,
+                                   all ? data->body->fine.num_nodes : search->num_surface_nodes,
+                                   all ? NULL : search->surface_node, positions,
+                                   data->discretization->system->num_threads, out);
+}
+
+pliant_status pliant_contact_find_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
+                                          const double **positions)
+{
+    pliant_contact_surface *outside = NULL;
+    const pliant_status status = choose_surface(model, data, body, &outside);
+    *positions = outside ? outside->positions : data->positions;
+    if (status == PLIANT_OK && outside) find_corners(model, data, data->positions, outside->positions);
+    return status;
+}
+
+pliant_status pliant_contact_begin_surface(const pliant_model *model, pliant_data *data, const pliant_body **body)
+{
+    pliant_contact_search *search = data->contact_search;
+    const int32_t nodes = data->body->fine.num_nodes;
+    pliant_contact_surface *outside = NULL;
+    search->has_surface = search->has_box = false;
+    const pliant_status status = choose_surface(model, data, body, &outside);
+    if (status != PLIANT_OK) return status;
     if (!pliant_ensure(&search->surface, (size_t)nodes, 3 * sizeof *search->surface))
         return pliant_fail_memory("contacts");
-    const pliant_status status = list_surface_nodes(search, body);
-    if (status != PLIANT_OK) return status;
-    if (pliant_contact_touches_itself(model)) /* its tetrahedra have other nodes, too */
-        memcpy(search->surface, positions, 3 * (size_t)nodes * sizeof *positions);
-    for (int d = 0; d < 3; d++) {
-        search->low[d] = INFINITY;
-        search->high[d] = -INFINITY;
-    }
-    for (int32_t n = 0; n < search->num_surface_nodes; n++)
-        for (int d = 0; d < 3; d++) {
-            const size_t at = 3 * (size_t)search->surface_node[n] + (size_t)d;
-            const double x = search->surface[at] = positions[at];
-            search->low[d] = x < search->low[d] ? x : search->low[d]; /* several times faster than fmin here */
-            search->high[d] = x > search->high[d] ? x : search->high[d];
-        }
+    if (!pliant_contact_touches_itself(model)) return PLIANT_OK;
+    pliant_contact_complete_surface(model, data, data->positions);
+    if (outside) memcpy(outside->positions, search->surface, 3 * (size_t)nodes * sizeof *search->surface);
     return PLIANT_OK;
+}
+
+void pliant_contact_complete_surface(const pliant_model *model, pliant_data *data, const double *positions)
+{
+    pliant_contact_search *search = data->contact_search;
+    if (!search->has_surface) find_corners(model, data, positions, search->surface);
+    search->has_surface = true;
+}
+
+/* Compute the corners of the listed triangles at the start of the leg, and in a leg also at its end. */
+static void find_listed_corners(const pliant_contact_near *on, const pliant_near_surface *surface,
+                                const pliant_triangle_list *list)
+{
+    const pliant_data *data = on->data;
+    pliant_contact_search *search = data->contact_search;
+    const double *start = on->in_leg ? data->legs->positions : data->positions;
+    for (int32_t n = 0; n < 3 * list->count; n++) {
+        const int32_t node = surface->body->triangles[3 * (size_t)list->triangle[n / 3] + (size_t)(n % 3)];
+        const size_t at = 3 * (size_t)node;
+        if (!search->has_surface) pliant_contact_surface_corner(surface->corners, node, start, search->surface + at);
+        if (on->in_leg && surface->corners)
+            pliant_contact_surface_corner(surface->corners, node, data->positions, search->outside.positions + at);
+    }
+}
+
+bool pliant_contact_find_near(void *context, int32_t count, const pliant_near_region *regions,
+                              pliant_triangle_list *out)
+{
+    const pliant_contact_near *on = context;
+    pliant_data *data = on->data;
+    pliant_contact_surface *outside =
+        pliant_contact_is_within_elements(on->model) ? &data->contact_search->outside : NULL;
+    const pliant_near_surface surface = {outside ? &outside->view : data->body, outside};
+    if (data->backend->find_near && data->backend->find_near(data, &surface, on->in_leg, count, regions, out)) {
+        find_listed_corners(on, &surface, out);
+        return true;
+    }
+    pliant_contact_complete_surface(on->model, data, on->in_leg ? data->legs->positions : data->positions);
+    if (on->in_leg && outside) find_corners(on->model, data, data->positions, outside->positions);
+    return false;
 }
 
 /* ---- largest free fraction of a leg */
@@ -103,8 +157,10 @@ pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *dat
                                      double *out)
 {
     pliant_contact_search *search = data->contact_search;
+    pliant_contact_near near = {model, data, true};
+    const pliant_near_finder finder = {pliant_contact_find_near, &near};
     const pliant_body *body = NULL;
-    const double *positions = NULL;
+    pliant_contact_surface *outside = NULL;
     pliant_status status = reserve_search(search);
     for (int t = 0; t < data->num_tools; t++) data->legs->tool[t].free_fraction = 1;
     for (int32_t p = 0; p < search->num_parts; p++) {
@@ -113,11 +169,13 @@ pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *dat
             search->advance_part[p].to =
                 fraction < 1 ? pliant_tool_pose_between(&leg->begin, &leg->goal, fraction) : leg->goal;
     }
-    if (status == PLIANT_OK) status = pliant_contact_find_surface(model, data, &body, &positions);
+    if (status == PLIANT_OK) status = choose_surface(model, data, &body, &outside);
     if (status != PLIANT_OK) return status;
-    status = pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface, positions,
-                                 search->num_parts, search->advance_part, data->discretization->system->num_threads,
-                                 find_islands, out);
+    pliant_advance_set_finder(search->advance, &finder);
+    status = pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface,
+                                 outside ? outside->positions : data->positions, search->num_parts,
+                                 search->advance_part, data->discretization->system->num_threads, find_islands, out);
+    pliant_advance_set_finder(search->advance, NULL);
     return status == PLIANT_OK && find_islands && *out < 1 ? pliant_contact_find_islands(model, data, body) : status;
 }
 
@@ -220,11 +278,45 @@ pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *dat
     return PLIANT_OK;
 }
 
+/* Compute the bounding box of the surface, unless the leg has it already. Return false if out of memory. */
+static bool find_box(pliant_data *data)
+{
+    pliant_contact_search *search = data->contact_search;
+    const pliant_body *body = NULL;
+    const double *positions = NULL;
+    if (search->has_box) return true;
+    if (pliant_contact_find_surface(data->model, data, &body, &positions) != PLIANT_OK) return false;
+    for (int d = 0; d < 3; d++) {
+        search->low[d] = INFINITY;
+        search->high[d] = -INFINITY;
+    }
+    for (int32_t n = 0; n < search->num_surface_nodes; n++)
+        for (int d = 0; d < 3; d++) {
+            const double x = positions[3 * (size_t)search->surface_node[n] + (size_t)d];
+            search->low[d] = x < search->low[d] ? x : search->low[d]; /* several times faster than fmin here */
+            search->high[d] = x > search->high[d] ? x : search->high[d];
+        }
+    search->has_box = true;
+    return true;
+}
+
+/* Return whether the tool pressed on tissue at the end of the last leg. */
+static bool presses(const pliant_data *data, const pliant_tool *tool)
+{
+    bool any = false;
+    for (int32_t n = 0; n < data->contacts.count && !any; n++) {
+        const pliant_contact_point *point = data->contacts.point + n;
+        any = point->kind == PLIANT_OBSTACLE_TOOL && data->tools + point->tool == tool && point->was_pressed;
+    }
+    return any;
+}
+
 bool pliant_contact_is_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
                             const pliant_tool_pose *to)
 {
     const pliant_contact_search *search = data->contact_search;
     bool near = false;
+    if (search && (presses(data, tool) || !find_box(data))) return true;
     for (int32_t p = 0; search && p < tool->shape.num_parts && !near; p++) {
         const pliant_part *part = tool->shape.part + p;
         const double reach = pliant_part_max_motion(&tool->shape, part, from, to) + data->model->contact.search_margin;

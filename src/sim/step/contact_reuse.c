@@ -37,21 +37,32 @@ pliant_status pliant_contact_copy_found(const pliant_contact_search *from, plian
     return PLIANT_OK;
 }
 
-pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *data, const pliant_body *body)
+/* Return the largest motion of parts and tissue while points are reused [m]. */
+static double max_motion_of(const pliant_model *model, const pliant_contact_search *search)
+{
+    double maximum = model->contact.search_margin;
+    for (int32_t p = 0; p < search->num_parts; p++)
+        maximum = fmin(maximum, model->contact.reuse_motion * search->part[p].guard);
+    return maximum;
+}
+
+pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *data)
 {
     pliant_contact_search *search = data->contact_search;
-    const int32_t nodes = body->fine.num_nodes;
-    search->found = is_simple(model, data);
-    if (!search->found) return PLIANT_OK;
+    const int32_t nodes = search->num_surface_nodes;
+    const double maximum = max_motion_of(model, search);
     search->found = false;
+    if (!is_simple(model, data)) return PLIANT_OK;
+    for (int32_t p = 0; p < search->num_parts; p++)
+        if (search->part[p].max_motion > maximum) return PLIANT_OK;
+    pliant_contact_complete_surface(model, data, data->positions);
     if (!pliant_ensure(&search->found_at, (size_t)nodes, 3 * sizeof *search->found_at))
         return pliant_fail_memory("contacts");
     search->found_nodes = nodes;
     search->found = true;
-    for (int32_t n = 0; n < search->num_surface_nodes; n++) {
-        const size_t at = 3 * (size_t)search->surface_node[n];
-        memcpy(search->found_at + at, search->surface + at, 3 * sizeof *search->surface);
-    }
+    for (int32_t n = 0; n < nodes; n++)
+        memcpy(search->found_at + 3 * (size_t)n, search->surface + 3 * (size_t)search->surface_node[n],
+               3 * sizeof *search->surface);
     search->found_revision = data->body->revision;
     search->found_parts = search->num_parts;
     for (int32_t p = 0; p < search->num_parts; p++) search->found_key[p] = key_of(search->part + p);
@@ -88,23 +99,20 @@ static bool move_point(const pliant_contact_search *search, pliant_contact_point
 pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, bool *are_reused)
 {
     pliant_contact_search *search = data->contact_search;
-    double maximum = model->contact.search_margin;
+    const double maximum = max_motion_of(model, search);
     *are_reused = search->found && is_simple(model, data) && search->found_revision == data->body->revision &&
                   search->found_parts == search->num_parts;
-    for (int32_t p = 0; p < search->num_parts && *are_reused; p++) {
-        const pliant_moving_part *part = search->part + p;
-        *are_reused = search->found_key[p] == key_of(part);
-        maximum = fmin(maximum, model->contact.reuse_motion * part->guard);
-    }
+    for (int32_t p = 0; p < search->num_parts && *are_reused; p++)
+        *are_reused = search->found_key[p] == key_of(search->part + p);
     for (int32_t p = 0; p < search->num_parts && *are_reused; p++) {
         const pliant_moving_part *part = search->part + p;
         if (part->kind == PLIANT_OBSTACLE_TOOL)
             *are_reused =
                 pliant_part_max_motion(part->shape, part->part, search->found_pose + part->tool, &part->to) <= maximum;
     }
+    if (*are_reused) pliant_contact_complete_surface(model, data, data->positions);
     for (int32_t n = 0; n < search->num_surface_nodes && *are_reused; n++) {
-        const size_t at = 3 * (size_t)search->surface_node[n];
-        const double *a = search->found_at + at, *b = search->surface + at;
+        const double *a = search->found_at + 3 * (size_t)n, *b = search->surface + 3 * (size_t)search->surface_node[n];
         *are_reused = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <=
                       maximum * maximum;
     }

@@ -23,17 +23,19 @@ struct pliant_contact_search {
     pliant_advance_part advance_part[PLIANT_CONTACT_PARTS];
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
     pliant_advance *advance; /* Nullable buffer */
-    double *surface;           /* (nodes x 3) positions of the surface's nodes at the start of the leg [m] */
+    double *surface;  /* (nodes x 3) corners of the surface at the start of the leg [m] */
+    bool has_surface; /* they are computed for all triangles; otherwise only for the triangles near the parts */
+    bool has_box;
     uint64_t surface_revision; /* of the topology whose nodes are listed; 0: none */
     int32_t num_surface_nodes, *surface_node; /* nodes of the surface's triangles, ascending */
-    double low[3], high[3];                   /* bounding box of the surface [m] */
+    double low[3], high[3];                   /* if has_box: bounding box of the surface [m] */
     /* REUSE OF POINTS: the configuration in which the points were found */
     bool found;
     uint64_t found_revision; /* of the topology */
-    int32_t found_parts, found_nodes;
+    int32_t found_parts, found_nodes /* of the surface */;
     uint64_t found_key[PLIANT_CONTACT_PARTS];
     pliant_tool_pose found_pose[PLIANT_MAX_TOOLS];
-    double *found_at;  /* (found_nodes x 3) positions of the surface's nodes [m] */
+    double *found_at;  /* (found_nodes x 3) corners of the surface, in the order of surface_node [m] */
     uint8_t *overlaps; /* (nodes) for contact/response: paper */
     double *place;     /* (nodes x 3) likewise */
 };
@@ -60,13 +62,24 @@ pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const p
                                               double max_piece_motion);
 
 /* ---- contact_advance.c */
-/* Choose the surface for collision detection. Errors: MEMORY.
+/* Choose the surface for collision detection, and compute its corners. Errors: MEMORY.
  * @param body, positions out: its topology and its positions */
 pliant_status pliant_contact_find_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
                                           const double **positions);
-/* Save the surface at the start of the leg, and compute its bounding box. Errors: MEMORY. */
-pliant_status pliant_contact_keep_surface(const pliant_model *model, pliant_contact_search *search,
-                                          const pliant_body *body, const double *positions);
+/* Choose the surface of a leg. Its corners at the start are computed when they are needed. Errors: MEMORY. */
+pliant_status pliant_contact_begin_surface(const pliant_model *model, pliant_data *data, const pliant_body **body);
+/* Compute all corners at the start of the leg, if they are missing. positions: (nodes x 3) at that time [m] */
+void pliant_contact_complete_surface(const pliant_model *model, pliant_data *data, const double *positions);
+/* Context of a pliant_near_finder. */
+typedef struct pliant_contact_near {
+    const pliant_model *model;
+    pliant_data *data;
+    bool in_leg;
+} pliant_contact_near;
+/* List triangles by the backend, and compute their corners at the start of the leg, and in a leg also at its end. If
+ * the backend has no list, compute all corners. */
+bool pliant_contact_find_near(void *context, int32_t count, const pliant_near_region *regions,
+                              pliant_triangle_list *out);
 
 /* ---- contact_islands.c */
 /* Find the islands of a blocked leg, from the pairs that pliant_advance_find found. An island contains all nodes of
@@ -77,11 +90,12 @@ pliant_status pliant_contact_keep_surface(const pliant_model *model, pliant_cont
 pliant_status pliant_contact_find_islands(const pliant_model *model, pliant_data *data, const pliant_body *surface);
 
 /* ---- contact_reuse.c */
-/* Save the configuration in which the points are found. Errors: MEMORY. */
-pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *data, const pliant_body *body);
+/* Save the configuration in which the points are found, unless a tool moves farther than settings.reuse_motion in this
+ * leg. Errors: MEMORY. */
+pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *data);
 /* Copy that configuration. Errors: MEMORY. */
 pliant_status pliant_contact_copy_found(const pliant_contact_search *from, pliant_contact_search *to);
-/* Reuse the points of the previous search if nothing has moved farther than settings.reuse_motion since then, and no
+/* Reuse the points of the last saved search if nothing has moved farther than settings.reuse_motion since then, and no
  * tool is to. They are written to search->point_buffer. Errors: MEMORY.
  * @param are_reused out: whether the points are reused */
 pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, bool *are_reused);

@@ -58,7 +58,9 @@ struct pliant_legs {
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
     double *fraction;              /* (nodes) fraction of its motion that each node makes: volume bound, islands */
     int32_t *island;               /* (nodes + tools) forest of islands (contact_islands.c) */
-    double *positions, *solved;    /* (nodes x 3) of the fine mesh and of the solved mesh [m] */
+    /* (nodes x 3) of the fine mesh and of the solved mesh [m]: in the rollback of the step, or in these buffers */
+    const double *positions, *solved;
+    double *position_buffer, *solved_buffer;
     double force[PLIANT_MAX_TOOLS][3]; /* grasp forces [N] */
     pliant_contacts points;        /* with their forces and anchors */
     pliant_rigid_pieces_saved *rigid_pieces;  /* Nullable */

@@ -10,7 +10,9 @@
 #include "base/vector3.h"
 #include "sim/step/contact.h"
 #include "sim/step/legs.h"
+#include "sim/step/state.h"
 
+#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -20,19 +22,37 @@ static pliant_grasp_constraint *grasp_constraint_of(const pliant_data *data, int
     return pliant_patch_solver(data, tool)->grasps + tool;
 }
 
-pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data)
+/* Copy the positions of the fine mesh and of the solved mesh. Errors: MEMORY. */
+static pliant_status save_positions(const pliant_model *model, pliant_data *data)
 {
     pliant_legs *legs = data->legs;
     const int32_t nodes = data->body->fine.num_nodes;
     const pliant_solver *solver = data->solver;
-    if (!pliant_ensure(&legs->positions, (size_t)nodes, 3 * sizeof *legs->positions) ||
-        (solver && !pliant_ensure(&legs->solved, (size_t)solver->system->mesh->num_nodes, 3 * sizeof *legs->solved)))
+    if (!pliant_ensure(&legs->position_buffer, (size_t)nodes, 3 * sizeof *legs->position_buffer) ||
+        (solver && !pliant_ensure(&legs->solved_buffer, (size_t)solver->system->mesh->num_nodes,
+                                  3 * sizeof *legs->solved_buffer)))
         return pliant_fail_memory("contacts");
-    memcpy(legs->positions, data->positions, 3 * (size_t)nodes * sizeof *data->positions);
+    memcpy(legs->position_buffer, data->positions, 3 * (size_t)nodes * sizeof *data->positions);
+    legs->positions = legs->position_buffer;
     if (!solver) return PLIANT_OK; /* explicit dynamics saves its own state (tled->start_u) */
     if (data->backend->download) data->backend->download(model, data);
-    memcpy(legs->solved, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *legs->solved);
-    pliant_rigid_pieces_set_detachment_positions(data->rigid_pieces, solver->system, legs->solved);
+    memcpy(legs->solved_buffer, solver->now.x,
+           3 * (size_t)solver->system->mesh->num_nodes * sizeof *legs->solved_buffer);
+    pliant_rigid_pieces_set_detachment_positions(data->rigid_pieces, solver->system, legs->solved_buffer);
+    legs->solved = legs->solved_buffer;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data)
+{
+    pliant_legs *legs = data->legs;
+    /* Nothing has moved since the rollback was saved, except nodes of patches. */
+    if (!legs->first || data->patch || !pliant_rollback_find_positions(data, &legs->positions, &legs->solved)) {
+        const pliant_status status = save_positions(model, data);
+        if (status != PLIANT_OK) return status;
+    }
+    assert(memcmp(legs->positions, data->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof(double)) == 0);
+    if (!data->solver) return PLIANT_OK;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         memcpy(legs->force[t], grasp_constraint_of(data, t)->force, sizeof legs->force[t]);
     return data->rigid_pieces ? pliant_rigid_pieces_save(data->rigid_pieces, &legs->rigid_pieces) : PLIANT_OK;
@@ -247,6 +267,6 @@ void pliant_legs_free(pliant_data *data)
     pliant_legs *legs = data->legs;
     if (!legs) return;
     pliant_rigid_pieces_saved_free(legs->rigid_pieces);
-    PLIANT_FREE(legs->positions, legs->solved, legs->fraction, legs->island, legs->points.point,
+    PLIANT_FREE(legs->position_buffer, legs->solved_buffer, legs->fraction, legs->island, legs->points.point,
                 legs->mean_points.point, legs->merged.point, legs->node_loads.load, legs);
 }

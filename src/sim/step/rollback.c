@@ -75,6 +75,15 @@ static void undo_tool(pliant_rollback *rollback, pliant_data *data, int t)
     pliant_state_copy_grasp(&rollback->state, t, tool->held, tool->weight);
 }
 
+bool pliant_rollback_find_positions(const pliant_data *data, const double **positions, const double **solved)
+{
+    const pliant_rollback *rollback = data->rollback;
+    if (!rollback || !rollback->is_active || !rollback->has_tissue) return false;
+    *positions = rollback->state.positions.at;
+    *solved = rollback->state.solved.at;
+    return true;
+}
+
 /* Restore a grasp force. All tools must be restored already. */
 static void undo_pull(const pliant_state *state, pliant_data *data, int t)
 {

@@ -121,6 +121,9 @@ void pliant_state_clear(pliant_state *state); /* frees all contents */
 /* ---- rollback.c: rollback of a failed step */
 /* Save the state after the cut stage, whose topology stays. Errors: MEMORY (the step must not continue). */
 pliant_status pliant_rollback_begin(const pliant_model *model, pliant_data *data);
+/* Find the positions at the start of this step in the saved state: (nodes x 3) of the fine mesh and of the solved mesh
+ * [m]. Return false if they are not saved. */
+bool pliant_rollback_find_positions(const pliant_data *data, const double **positions, const double **solved);
 /* Restore the state without any allocation. Do nothing if this step has not saved one. */
 void pliant_rollback_undo(const pliant_model *model, pliant_data *data);
 void pliant_rollback_free(pliant_rollback *rollback); /* Nullable */
