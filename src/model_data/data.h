@@ -53,6 +53,12 @@ typedef struct pliant_blade {
     int32_t pieces;        /* number after its last cut */
 } pliant_blade;
 
+/* Depth of the dimple that the mesh cannot form under a tool (sim/step/missing_compliance.h). */
+typedef struct pliant_missing_depth {
+    double compliance, jaw_compliance; /* depth over the force [m/N]; the same of the jaws [rad/(N m)] */
+    double fraction;                   /* depth over the depth of the whole dimple. 1: it is unknown */
+} pliant_missing_depth;
+
 typedef struct pliant_tool {
     char name[48];
     /* INPUT, written by pliant_tool_*. */
@@ -91,7 +97,7 @@ typedef struct pliant_tool {
         /* Force and torque of its coupling, and torque of its jaws, from the solve of the last leg [N, N m]. A
          * shortened leg does not change them. */
         double coupling_load[3];
-        double missing_compliance; /* of translations, in the last leg [m/N] (sim/step/missing_compliance.h) */
+        pliant_missing_depth missing; /* in the last leg */
         bool saturated;        /* its coupling has reached its maximum force (contact/max_force, contact/grip_torque) */
     } proxy;
     /* OUTPUT of the last step. */

@@ -1,12 +1,13 @@
 // Contact force of rigid tools on coarse cells, and its estimated error, against references.
 //
-// A tool is pressed into a block of 120 x 120 x 60 mm, 10 kPa, nu 0.45, whose bottom is fixed. The references of the
-// sphere and the punch are the axisymmetric solutions of test/reference/indentation.py, without friction. The forces of
-// the cylinder and of an instrument's jaw have no reference: compare their values for smaller and smaller cells. The
-// force is the mean of the last two steps, because contact points of some hexahedra alternate between steps.
+// A tool is pressed into a block of 10 kPa and nu 0.45, whose bottom is fixed. References of spheres and punches are
+// the axisymmetric solutions of test/reference/indentation.py, without friction. The forces of the cylinder and of an
+// instrument's jaw have no reference: compare their values for smaller and smaller cells. The force is the mean of the
+// last two steps, because contact points of some hexahedra alternate between steps.
 //
 // Usage:
 //   bench_force [element/kind [cell ...] [tool ...]]     cells in mm; default: linear 10 5 2.5, all tools
+//   bench_force calibrate     other tools on another block; fit the constants of src/sim/api/contact_error.c
 #include "../pipeline/body.h"
 #include "../solids.h"
 #include "figure.h"
@@ -14,10 +15,12 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
+#include <memory>
 
-namespace {
+namespace
+{
 
-const double edge = 0.12, height = 0.06;
+const double height = 0.06;
 
 struct Tool {
     const char *name;
@@ -41,13 +44,15 @@ pliant_part rod(double radius, double half)
 }
 
 struct PressedBlock : Body {
-    PressedBlock(double cell, pliant_element_kind kind, double friction)
+    double edge;
+    PressedBlock(double edge, double cell, pliant_element_kind kind, double friction)
         : Body(std::vector<int>{int(edge / cell + 0.5), int(edge / cell + 0.5), int(height / cell + 0.5)}.data(),
-               std::vector<double>{edge, edge, height}.data(), {{10e3, 0.45, 1000, false}})
+               std::vector<double>{edge, edge, height}.data(), {{10e3, 0.45, 1000, false}}),
+          edge(edge)
     {
         for (double &g : scene.model.gravity) g = 0;
         const int n = int(edge / cell + 0.5);
-        cells(n, n, n / 2, 1);
+        cells(n, n, int(height / cell + 0.5), 1);
         scene.element.kind = kind;
         scene.contact.friction = friction;
         scene.solver.iterations = 60;
@@ -55,14 +60,15 @@ struct PressedBlock : Body {
         fix_plane(0, 0, 1e-4, 0, 0, 1);
         if (build() != PLIANT_OK) std::exit((std::fprintf(stderr, "%s\n", pliant_last_error()), 1));
     }
-    pliant_tool_state press(const Tool &tool)
+    // Press a tool and hold it still. spread: (largest - smallest) / smallest force of the last eight steps.
+    pliant_tool_state press(const Tool &tool, double &spread)
     {
         const int steps = 8, rest = 16;
         pliant_tool_shape shape{};
         shape.num_parts = 1;
         shape.part[0] = tool.part;
         pliant_tool_state state{};
-        double before = 0;
+        double before = 0, low = INFINITY, high = 0;
         int index;
         pliant_data_free(data);
         data = nullptr;
@@ -76,63 +82,149 @@ struct PressedBlock : Body {
             if (pliant_step(model, data) < 0) std::exit((std::fprintf(stderr, "%s\n", pliant_last_error()), 1));
             before = state.contact_force[2];
             pliant_tool_get(data, index, &state);
+            if (s <= steps + rest - 8) continue;
+            low = std::fmin(low, -state.contact_force[2]), high = std::fmax(high, -state.contact_force[2]);
         }
         state.contact_force[2] = 0.5 * (state.contact_force[2] + before);
+        spread = high / low - 1;
         return state;
     }
 };
+
+pliant_part punch(double radius)
+{
+    static std::vector<std::shared_ptr<pliant_solid>> made;
+    pliant_solid *solid = nullptr;
+    pliant_solid_options options{};
+    options.convex = true;
+    if (rod_surface(radius, 0.02, 96).make(options, &solid) != PLIANT_OK) std::exit(1);
+    made.emplace_back(solid, pliant_solid_release);
+    return {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid};
+}
+
+// Estimated and true errors, relative to the true force.
+struct Errors {
+    int count = 0, within = 0, below = 0, varying = 0;
+    std::vector<double> missing, error;
+    void add(double estimate, double fraction, double truth, double spread)
+    {
+        const double ratio = estimate / std::fabs(truth);
+        count++, within += ratio > 1.0 / 3 && ratio<3, below += ratio >= 0.5, varying += spread> 1e-3;
+        missing.push_back(fraction), error.push_back(truth);
+    }
+    void print() const
+    {
+        std::printf("estimated error: within a factor of 3 of the true one in %d of %d; at least half of it in %d\n"
+                    "force that varies by more than 0.1 %% at rest: %d\n",
+                    within, count, below, varying);
+    }
+    // Print the most likely constants: the variance of a relative error is (of_depth * missing)^2 + of_rest^2.
+    void fit() const
+    {
+        double best = INFINITY, found[2] = {0, 0};
+        for (double of_depth = 0; of_depth < 0.5; of_depth += 0.002)
+            for (double of_rest = 0.002; of_rest < 0.1; of_rest += 0.001) {
+                double sum = 0;
+                for (size_t n = 0; n < error.size(); n++) {
+                    const double deviation = std::hypot(of_depth * missing[n], of_rest), z = error[n] / deviation;
+                    sum += std::log(deviation) + 0.5 * z * z;
+                }
+                if (sum < best) best = sum, found[0] = of_depth, found[1] = of_rest;
+            }
+        std::printf("fitted: of_depth %.3f, of_rest %.3f\n", found[0], found[1]);
+    }
+};
+
+void measure(PressedBlock &block, const Tool &tool, const char *label, Errors &all, Errors &out)
+{
+    double spread;
+    const pliant_tool_state state = block.press(tool, spread);
+    const double up = -state.contact_force[2];
+    std::printf("%-14s %s, depth %.1f mm: %.4f N, varies by %.2f %%, estimated error %.4f N", tool.name, label,
+                1e3 * tool.depth, up, 100 * spread, state.contact_force_error);
+    if (tool.reference > 0) {
+        const double error = up / tool.reference - 1, estimate = state.contact_force_error / tool.reference;
+        std::printf(", %.2f of the true error; force %+.1f %% off", estimate / std::fabs(error), 100 * error);
+        for (Errors *to : {&all, &out}) to->add(estimate, block.data->tools[0].proxy.missing.fraction, error, spread);
+    }
+    std::printf("\n");
+    std::fflush(stdout);
+}
+
+std::vector<Tool> table()
+{
+    std::vector<Tool> out;
+    const double depth[3] = {0.002, 0.004, 0.008}, force[3] = {0.2134, 0.5964, 1.6094};
+    const double deep[2] = {0.001, 0.003}, hard[2] = {0.462, 1.314};
+    const pliant_part ball = sphere(0.02), flat = punch(0.015), cylinder = rod(0.01, 0.03);
+    for (int d = 0; d < 3; d++) out.push_back({"sphere", ball, depth[d], force[d], 0, 0});
+    for (int d = 0; d < 3; d++) out.push_back({"sphere aside", ball, depth[d], force[d], 0.0047, 0.0021});
+    for (int d = 0; d < 3; d++) out.push_back({"sphere aside", ball, depth[d], force[d], 0.0033, 0.0047});
+    for (int d = 0; d < 2; d++) out.push_back({"punch", flat, deep[d], hard[d], 0, 0});
+    for (int d = 0; d < 2; d++) out.push_back({"punch aside", flat, deep[d], hard[d], 0.0033, 0.0047});
+    for (int d = 0; d < 3; d++) out.push_back({"cylinder", cylinder, depth[d], 0, 0, 0});
+    for (int d = 0; d < 3; d++) out.push_back({"cylinder aside", cylinder, depth[d], 0, 0.0021, 0.0037});
+    for (int d = 0; d < 2; d++) out.push_back({"jaw", jaw(), depth[d], 0, 0, 0});
+    for (int d = 0; d < 2; d++) out.push_back({"jaw aside", jaw(), depth[d], 0, 0.0033, 0.0047});
+    return out;
+}
+
+// Press other tools into a block of 140 x 140 x 60 mm, whose cells are 10 mm, at six places with and without friction.
+void calibrate()
+{
+    const pliant_part small = sphere(0.012), middle = sphere(0.035), large = sphere(0.06), narrow = punch(0.01),
+                      wide = punch(0.025);
+    const Tool tools[] = {{"sphere 12", small, 0.0015, 0.1029, 0, 0}, {"sphere 12", small, 0.003, 0.2825, 0, 0},
+                          {"sphere 12", small, 0.005, 0.5785, 0, 0},  {"sphere 35", middle, 0.002, 0.3015, 0, 0},
+                          {"sphere 35", middle, 0.005, 1.2279, 0, 0}, {"sphere 35", middle, 0.01, 3.4820, 0, 0},
+                          {"sphere 60", large, 0.002, 0.4212, 0, 0},  {"sphere 60", large, 0.006, 2.3996, 0, 0},
+                          {"punch 10", narrow, 0.001, 0.2834, 0, 0},  {"punch 10", narrow, 0.0025, 0.6725, 0, 0},
+                          {"punch 25", wide, 0.001, 0.9418, 0, 0},    {"punch 25", wide, 0.004, 3.5349, 0, 0}};
+    Errors all;
+    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
+        PressedBlock smooth(0.14, 0.01, kind, 0), rough(0.14, 0.01, kind, 0.3);
+        Errors errors;
+        for (const Tool &tool : tools)
+            for (int n = 0; n < 6; n++) {
+                Tool moved = tool; // to points that fill the square of a cell evenly
+                moved.x = n > 0 ? 0.01 * (std::fmod(0.7549 * n, 1) - 0.5) : 0;
+                moved.y = n > 0 ? 0.01 * (std::fmod(0.5698 * n, 1) - 0.5) : 0;
+                measure(n % 2 ? rough : smooth, moved, kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", all, errors);
+            }
+        errors.print();
+    }
+    all.fit();
+}
 
 } // namespace
 
 int main(int argc, char **argv)
 {
-    const pliant_element_kind kind =
-        argc > 1 && std::string(argv[1]) == "hexahedra" ? PLIANT_HEXAHEDRA : PLIANT_LINEAR;
+    if (argc > 1 && std::string(argv[1]) == "calibrate") return calibrate(), 0;
+    const pliant_element_kind kind = argc > 1 && std::string(argv[1]) == "hexahedra" ? PLIANT_HEXAHEDRA : PLIANT_LINEAR;
     std::vector<double> cells;
     std::vector<std::string> only;
     for (int a = 2; a < argc; a++) {
-        if (std::atof(argv[a]) > 0) cells.push_back(1e-3 * std::atof(argv[a]));
-        else only.push_back(argv[a]);
+        if (std::atof(argv[a]) > 0)
+            cells.push_back(1e-3 * std::atof(argv[a]));
+        else
+            only.push_back(argv[a]);
     }
     if (cells.empty()) cells = {0.01, 0.005, 0.0025};
-    std::vector<Tool> tools;
-    const double radius = 0.02, depth[3] = {0.002, 0.004, 0.008}, force[3] = {0.2134, 0.5964, 1.6094};
-    for (int d = 0; d < 3; d++) tools.push_back({"sphere", sphere(radius), depth[d], force[d], 0, 0});
-    for (int d = 0; d < 3; d++) tools.push_back({"sphere aside", sphere(radius), depth[d], force[d], 0.0047, 0.0021});
-    for (int d = 0; d < 3; d++) tools.push_back({"sphere aside", sphere(radius), depth[d], force[d], 0.0033, 0.0047});
-    pliant_solid *solid = nullptr;
-    pliant_solid_options options{};
-    options.convex = true;
-    if (rod_surface(0.015, 0.02, 96).make(options, &solid) != PLIANT_OK) return 1;
-    const pliant_part punch = {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid};
-    const double deep[2] = {0.001, 0.003};
-    const double hard[2] = {0.462, 1.314};
-    for (int d = 0; d < 2; d++) tools.push_back({"punch", punch, deep[d], hard[d], 0, 0});
-    for (int d = 0; d < 2; d++) tools.push_back({"punch aside", punch, deep[d], hard[d], 0.0033, 0.0047});
-    for (int d = 0; d < 3; d++) tools.push_back({"cylinder", rod(0.01, 0.03), depth[d], 0, 0, 0});
-    for (int d = 0; d < 3; d++) tools.push_back({"cylinder aside", rod(0.01, 0.03), depth[d], 0, 0.0021, 0.0037});
-    for (int d = 0; d < 2; d++) tools.push_back({"jaw", jaw(), depth[d], 0, 0, 0});
-    for (int d = 0; d < 2; d++) tools.push_back({"jaw aside", jaw(), depth[d], 0, 0.0033, 0.0047});
-    int within = 0, count = 0;
-    for (double cell : cells)
+    const std::vector<Tool> tools = table();
+    Errors all;
+    for (double cell : cells) {
+        Errors errors;
         for (double friction : {0.0, 0.3}) {
-            PressedBlock block(cell, kind, friction);
-            for (const Tool &tool : tools) {
-                if (!only.empty() && std::find(only.begin(), only.end(), tool.name) == only.end()) continue;
-                const pliant_tool_state state = block.press(tool);
-                const double up = -state.contact_force[2];
-                std::printf("%-14s depth %.0f mm, cell %.2f mm, friction %.1f: %.4f N, estimated error %.4f N",
-                            tool.name, 1e3 * tool.depth, 1e3 * cell, friction, up, state.contact_force_error);
-                const double error = up - tool.reference, ratio = state.contact_force_error / std::fabs(error);
-                if (tool.reference > 0)
-                    std::printf(", %.2f of the true error; force %+.1f %% off", ratio, 100 * error / tool.reference);
-                std::printf("\n");
-                within += tool.reference > 0 && ratio > 1.0 / 3 && ratio < 3;
-                count += tool.reference > 0;
-                std::fflush(stdout);
-            }
+            PressedBlock block(0.12, cell, kind, friction);
+            char label[60];
+            std::snprintf(label, sizeof label, "cell %.2f mm, friction %.1f", 1e3 * cell, friction);
+            for (const Tool &tool : tools)
+                if (only.empty() || std::find(only.begin(), only.end(), tool.name) != only.end())
+                    measure(block, tool, label, all, errors);
         }
-    std::printf("estimated error within a factor of 3 of the true one: %d of %d\n", within, count);
-    pliant_solid_release(solid);
+        errors.print();
+    }
+    all.print();
     return 0;
 }

@@ -399,7 +399,7 @@ TEST(CudaContact, MissingComplianceIsThatOfTheCpu)
             ASSERT_EQ(pliant_tool_get(block.data, tool, &state), PLIANT_OK);
             if (s >= 20) force[k] -= state.contact_force[2] / 4;
         }
-        missing[k] = block.data->tools[tool].proxy.missing_compliance * force[k];
+        missing[k] = block.data->tools[tool].proxy.missing.compliance * force[k];
         EXPECT_STREQ(pliant_data_get_backend(block.data), k ? "cuda" : "cpu");
     }
     EXPECT_GT(missing[0], 1e-4);

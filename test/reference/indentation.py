@@ -4,7 +4,8 @@ A rigid indenter presses a cylinder of tissue whose bottom is fixed, without fri
 nine nodes, graded towards the contact. The law is W = mu |F - R|^2 + lambda / 2 (tr(R'F) - 3)^2. Points on the surface
 get a penalty force, which is stiff enough that the penetration is below a thousandth of the depth.
 
-usage: python3 indentation.py [radius [height [element ...]]]     of the cylinder, of the smallest elements [m]
+usage: python3 indentation.py [calibration] [element ...]     calibration: tools and block of bench_force calibrate;
+    sizes of the smallest elements [m]; default: 1e-3 5e-4
 """
 import sys
 
@@ -170,13 +171,18 @@ def press(mesh, indenter, depths, steps=2):
     return out
 
 
+# sphere or punch, its radius [m], depths [m]
+TABLE = [(sphere, 0.02, [0.002, 0.004, 0.008]), (punch, 0.015, [0.001, 0.003])]
+CALIBRATION = [(sphere, 0.012, [0.0015, 0.003, 0.005]), (sphere, 0.035, [0.002, 0.005, 0.01]),
+               (sphere, 0.06, [0.002, 0.006]), (punch, 0.01, [0.001, 0.0025]), (punch, 0.025, [0.001, 0.004])]
+
+
 if __name__ == "__main__":
-    size = float(sys.argv[1]) if len(sys.argv) > 1 else 0.0677  # the area of 120 x 120 mm
-    height = float(sys.argv[2]) if len(sys.argv) > 2 else 0.06
-    for smallest in [float(a) for a in sys.argv[3:]] or [1e-3, 5e-4]:
-        mesh = Cylinder(size, height, smallest, 0.018)
-        print(f"elements of {1e3 * smallest:g} mm, {len(mesh.rest)} nodes", flush=True)
-        for name, indenter, depths, steps in (("sphere of 20 mm", lambda d: sphere(0.02, d), [0.002, 0.004, 0.008], 2),
-                                              ("punch of 15 mm", lambda d: punch(0.015, d), [0.001, 0.003], 6)):
-            forces = press(mesh, indenter, depths, steps)
-            print(f"  {name}:", *(f"{1e3 * d:g} mm {-f:.4f} N," for d, f in zip(depths, forces)), flush=True)
+    size, height, tools = (0.0790, 0.06, CALIBRATION) if "calibration" in sys.argv else (0.0677, 0.06, TABLE)
+    for smallest in [float(a) for a in sys.argv[1:] if a != "calibration"] or [1e-3, 5e-4]:
+        for indenter, radius, depths in tools:
+            mesh = Cylinder(size, height, smallest, 0.03 if radius > 0.02 else 0.018)
+            print(f"elements of {1e3 * smallest:g} mm, {len(mesh.rest)} nodes", flush=True)
+            forces = press(mesh, lambda d: indenter(radius, d), depths, 2 if indenter is sphere else 6)
+            print(f"  {indenter.__name__} of {1e3 * radius:g} mm:",
+                  *(f"{1e3 * d:g} mm {-f:.4f} N," for d, f in zip(depths, forces)), flush=True)

@@ -287,11 +287,10 @@ static double gap_of(const search *on, const pliant_feature *border, const plian
 
 /* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. An existing point stays
  * until it is higher than these by `sag`. */
-static void keep_if_deeper(const search *on, pliant_feature *of, double gap, double size)
+static void keep_if_deeper(const search *on, pliant_feature *of, double gap)
 {
     const pliant_contact_settings *settings = &on->detector->settings;
-    const double left = on->part->guard - on->part->core_offset;
-    const double sag = fmin(fmin(settings->sag_of_edge * size, settings->max_sag), settings->sag_of_guard * left);
+    const double sag = fmin(settings->max_sag, settings->sag_of_guard * (on->part->guard - on->part->core_offset));
     of->is_in_contact = of->is_in_contact && of->gap < gap + (pressed_before(on, of) ? sag : -sag);
     if (!of->is_in_contact) of->gap = INFINITY;
 }
@@ -303,11 +302,7 @@ static void keep_deeper(const search *on)
         pliant_feature *edge = detector->edge + e;
         const pliant_feature *ends[2] = {detector->node + detector->slot[edge->node[0]],
                                          detector->node + detector->slot[edge->node[1]]};
-        const double *a = on->positions + 3 * (size_t)edge->node[0], *b = on->positions + 3 * (size_t)edge->node[1];
-        const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-        if (edge->is_in_contact)
-            keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)),
-                           pliant_length3(along));
+        if (edge->is_in_contact) keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)));
     }
     for (int32_t t = 0; t < on->triangles; t++) {
         pliant_feature *face = detector->face + t;
@@ -316,18 +311,17 @@ static void keep_deeper(const search *on)
         for (int v = 0; v < 3; v++)
             gap = fmin(gap, fmin(gap_of(on, detector->node + detector->slot[face->node[v]], face),
                                  gap_of(on, detector->edge + detector->edge_of[3 * t + v], face)));
-        keep_if_deeper(on, face, gap, sqrt(pliant_length3(face->outwards)));
+        keep_if_deeper(on, face, gap);
     }
 }
 
 /* Delay the motion of a pressed point along its edge or triangle. On coarse cells, the triangle turns about the point
  * under its force. The part's nearest point then overshoots, and alternates between two places in successive legs.
- * Where the part moves, or tissue with inertia, a point follows without delay. The plane of the nearest point stays,
- * and is parallel to the feature there. */
+ * A point below a moving part lags by the motion over the fraction `follow`, so shorter ways have no delay, and none in
+ * tissue with inertia. The plane of the nearest point stays, and is parallel to the feature there. */
 static void delay_point(const search *on, pliant_feature *of)
 {
-    const double delay = 0.7, /* fraction of the way; half lets some points of 10 mm cells alternate */
-        still = 4;            /* times the part's motion: shorter ways have no delay */
+    const double follow = on->detector->settings.point_follow, fast = on->part->max_motion / follow;
     const pliant_contact_point *before = of->is_in_contact && !on->body->has_inertia ? pressed_before(on, of) : NULL;
     double shift[3] = {0, 0, 0}, local[3], at_begin[3];
     if (!before || before->on_feature[0] + before->on_feature[1] + before->on_feature[2] == 0) return;
@@ -335,8 +329,8 @@ static void delay_point(const search *on, pliant_feature *of)
         for (int d = 0; d < 3; d++)
             shift[d] += (before->on_feature[k] - of->weight[k]) * on->positions[3 * (size_t)of->node[k] + (size_t)d];
     const double way = pliant_length3(shift), across = pliant_dot3(shift, of->normal);
-    if (!(way > still * on->part->max_motion)) return;
-    const double fraction = delay * (1 - still * on->part->max_motion / way);
+    if (!(way > fast)) return;
+    const double fraction = (1 - follow) * (1 - fast / way);
     if (fraction * way > on->detector->settings.reuse_motion * on->part->guard) on->detector->has_delayed = true;
     for (int32_t k = 0; k < of->count; k++) of->weight[k] += fraction * (before->on_feature[k] - of->weight[k]);
     for (int d = 0; d < 3; d++) shift[d] = fraction * (shift[d] - across * of->normal[d]);
@@ -417,7 +411,7 @@ static void write_plane(const search *on, const pliant_feature *face, double dis
                         const double normal[3], pliant_contacts *out)
 {
     const pliant_moving_part *part = on->part;
-    const double step = on->detector->settings.plane_step, left = part->guard - part->core_offset,
+    const double step = on->detector->settings.advance_keep, left = part->guard - part->core_offset,
                  core = distance + left, minimum = 0.5 * on->detector->settings.plane_distance * left;
     /* offset of the plane from the triangle's nearest point */
     const double away = (core < minimum ? core + step * left : (1 - step) * core) - core;

@@ -102,7 +102,7 @@ pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_sta
     memcpy(out_state.held_point, from->held_point, sizeof out_state.held_point);
     memcpy(out_state.force, from->force, sizeof out_state.force);
     pliant_contact_wrench(data, tool, out_state.contact_force, out_state.contact_torque);
-    out_state.contact_force_error = pliant_contact_force_error(data, tool, NULL);
+    out_state.contact_force_error = pliant_contact_force_error(data, tool);
     report_proxy(from, &out_state);
     out_state.advanced = data->statistics.advanced;
     *out = out_state;

@@ -72,7 +72,7 @@ static void add_missing_depth(const pliant_data *data, int index, pliant_tool_li
 {
     double force[3], torque[3];
     pliant_contact_wrench(data, index, force, torque);
-    for (int d = 0; d < 3; d++) now->tip[d] += data->tools[index].proxy.missing_compliance * force[d];
+    for (int d = 0; d < 3; d++) now->tip[d] += data->tools[index].proxy.missing.compliance * force[d];
 }
 
 pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_tool_linear *at)

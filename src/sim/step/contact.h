@@ -80,10 +80,9 @@ void pliant_contact_mark_pieces(pliant_data *data);
 void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3]);
 /* ---- contact_error.c
  * Estimate the error of a tool's contact force [N], as a standard deviation. Each part of the tool has its own error,
- * and their squares are added.
- * @param narrow Nullable; out: smallest contact radius of a part [cells]; INFINITY without contact */
-double pliant_contact_force_error(const pliant_data *data, int tool, double *narrow);
-/* Log a warning for each tool whose contact radius is below two cells at the first contact. */
+ * and their squares are added. */
+double pliant_contact_force_error(const pliant_data *data, int tool);
+/* Log one warning for each tool under which the mesh lacks a tenth of the dimple. */
 void pliant_contact_warn_of_cells(pliant_data *data);
 /* Compute the position at which a point's force acts, on the side with positive weights. positions: (nodes x 3) */
 void pliant_contact_force_position(const double *positions, const pliant_contact_point *point, double out[3]);

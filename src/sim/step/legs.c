@@ -27,7 +27,7 @@ static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tl
  * count. */
 static bool has_jumped(const pliant_model *model, const pliant_tool *tool)
 {
-    const double missing = tool->proxy.missing_compliance * tool->proxy.coupling_load[0];
+    const double missing = tool->proxy.missing.compliance * tool->proxy.coupling_load[0];
     return pliant_distance3(tool->tip, tool->proxy.target) > model->contact.max_tool_speed * model->scene.solver.step ||
            pliant_distance3(tool->tip, tool->proxy.tip) - missing > model->scene.contact.max_proxy_error;
 }
@@ -123,33 +123,33 @@ static double max_distance_of(const pliant_data *data)
  * where the tissue is stiffer than the missing compliance. */
 static pliant_tool_pose pose_behind_target(const pliant_tool *tool, const pliant_leg_tool *leg)
 {
-    const double *missing = leg->missing_compliance, shift = leg->yields[0] > 0 ? missing[0] / leg->yields[0] : 0,
-                 turn = leg->yields[2] > 0 ? missing[1] / leg->yields[2] : 0;
+    const pliant_missing_depth *missing = &leg->missing;
+    const double shift = leg->yields[0] > 0 ? missing->compliance / leg->yields[0] : 0,
+                 turn = leg->yields[2] > 0 ? missing->jaw_compliance / leg->yields[2] : 0;
     pliant_tool_pose out = leg->measured;
     for (int d = 0; d < 3; d++) {
-        out.tip[d] += missing[0] * leg->before.wrench[d];
+        out.tip[d] += missing->compliance * leg->before.wrench[d];
         out.tip[d] = leg->begin.tip[d] + (out.tip[d] - leg->begin.tip[d]) / (1 + shift);
     }
     if (!pliant_tool_shape_has_jaws(&tool->shape)) return out;
-    out.jaw += missing[1] * leg->before.jaw;
+    out.jaw += missing->jaw_compliance * leg->before.jaw;
     out.jaw = leg->begin.jaw + (out.jaw - leg->begin.jaw) / (1 + turn);
     return out;
 }
 
-/* Change the missing compliance only half of the way from the previous leg's. On coarse cells the contact points change
- * with it, so that the whole way overshoots. */
-static void smooth_missing_compliance(double before, double missing[2])
+/* Change the missing compliance only by a fraction of the change from the previous leg's. */
+static void smooth_missing_compliance(double follow, double before, pliant_missing_depth *missing)
 {
-    if (!(before > 0) || !(missing[0] > 0)) return;
-    const double ratio = 0.5 + 0.5 * before / missing[0];
-    for (int k = 0; k < 2; k++) missing[k] *= ratio;
+    if (!(before > 0) || !(missing->compliance > 0)) return;
+    const double ratio = follow + (1 - follow) * before / missing->compliance;
+    missing->compliance *= ratio;
+    missing->jaw_compliance *= ratio;
 }
 
 /* Save the proxies' poses and loads at the start of a leg. In explicit dynamics, the load is the mean over about one
  * step, because contacts of tissue that vibrates open and close: update_loads filters it within a step. */
 static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
 {
-    (void)model;
     pliant_status status = PLIANT_OK;
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         pliant_leg_tool *leg = data->legs->tool + t;
@@ -158,10 +158,11 @@ static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
         if (data->legs->first || !data->tled) pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
         pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
         pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
-        status = pliant_missing_compliance(data, t, &leg->begin, &leg->measured, &data->legs->node_loads,
-                                           leg->missing_compliance);
-        smooth_missing_compliance(data->tools[t].proxy.missing_compliance, leg->missing_compliance);
-        data->tools[t].proxy.missing_compliance = leg->missing_compliance[0];
+        status =
+            pliant_missing_compliance(data, t, &leg->begin, &leg->measured, &data->legs->node_loads, &leg->missing);
+        smooth_missing_compliance(model->contact.missing_follow, data->tools[t].proxy.missing.compliance,
+                                  &leg->missing);
+        data->tools[t].proxy.missing = leg->missing;
         if (data->tled)
             pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before, max_distance_of(data),
                                                     leg->yields);
@@ -176,7 +177,10 @@ static void linearize(const pliant_model *model, const pliant_data *data, int t,
 {
     const pliant_leg_tool *leg = data->legs->tool + t;
     double added[2] = {leg->piece_compliance[0], leg->piece_compliance[1]};
-    for (int k = 0; k < 2 && !data->tled; k++) added[k] += leg->missing_compliance[k];
+    if (!data->tled) {
+        added[0] += leg->missing.compliance;
+        added[1] += leg->missing.jaw_compliance;
+    }
     pliant_proxy_linearize(model, data->tools + t, &leg->begin, goal, &leg->before, added, leg->yields, ahead, couple,
                            limit);
 }
@@ -216,7 +220,7 @@ static double choose_part(const pliant_model *model, pliant_data *data)
     pliant_tled *tled = data->tled;
     const int32_t left = tled->substeps - tled->substeps_done;
     const double motion_ratio = pliant_contact_max_motion_ratio(model, data, tled->d, left),
-                 depths = model->contact.leg_of_part;
+                 depths = model->contact.leg_distance;
     tled->part = motion_ratio > depths ? (int32_t)fmax(floor(left * depths / motion_ratio), 1) : left;
     return (double)tled->part / left;
 }
@@ -590,6 +594,6 @@ void pliant_legs_skip(pliant_data *data)
         const pliant_tool_pose measured = pliant_tool_measured(data->tools + t);
         pliant_tool_set_proxy(data->tools + t, &measured);
         set_followed(data->tools + t);
-        data->tools[t].proxy.missing_compliance = 0;
+        data->tools[t].proxy.missing = (pliant_missing_depth){.fraction = 1};
     }
 }

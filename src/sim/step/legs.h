@@ -38,7 +38,7 @@ typedef struct pliant_leg_tool {
     bool is_placed;             /* the proxy has been set to its target at the start of this step */
     double free_fraction;       /* fraction of the leg that this tool's island can make; 1 in quasi-static steps */
     double piece_compliance[2]; /* pliant_proxy_compliance with the contact points of the previous leg */
-    double missing_compliance[2]; /* pliant_missing_compliance, likewise */
+    pliant_missing_depth missing; /* likewise */
     double yields[3];           /* pliant_proxy_estimate_tissue_compliance; 0 in quasi-static steps */
     double target[3];           /* grasp target at the target pose [m] */
     pliant_proxy_load before;   /* load on the proxy at the start of the leg */
@@ -66,7 +66,7 @@ struct pliant_legs {
     pliant_rigid_pieces_saved *rigid_pieces;  /* Nullable */
     /* EXPLICIT DYNAMICS: contact points of the step with their mean forces, and a buffer */
     pliant_contacts mean_points, merged;
-    bool has_pressed[PLIANT_MAX_TOOLS]; /* pliant_contact_warn_of_cells has judged the first contact of the tool */
+    bool has_warned[PLIANT_MAX_TOOLS]; /* pliant_contact_warn_of_cells has logged its warning of the tool */
 };
 
 /* The stages from solve to patch, for one leg. */

@@ -505,11 +505,12 @@ static double jaw_torque(const pressed_part *of, const pliant_tool_pose *pose)
 }
 
 pliant_status pliant_missing_compliance(const pliant_data *data, int tool, const pliant_tool_pose *pose,
-                                        const pliant_tool_pose *goal, pliant_node_loads *buffer, double out[2])
+                                        const pliant_tool_pose *goal, pliant_node_loads *buffer,
+                                        pliant_missing_depth *out)
 {
     /* of all parts, and of the parts on jaws [N m]; forces [N]; torques on the jaws [N m] */
-    double work[2] = {0, 0}, sum = 0, total[3] = {0, 0, 0}, torque = 0;
-    out[0] = out[1] = 0;
+    double work[2] = {0, 0}, formed = 0, sum = 0, total[3] = {0, 0, 0}, torque = 0;
+    *out = (pliant_missing_depth){.fraction = 1};
     const pliant_mesh *mesh = pliant_felt_mesh(data, tool);
     if (!pliant_adds_missing_compliance(data, tool)) return PLIANT_OK;
     for (int32_t p = 0; p < data->tools[tool].shape.num_parts && data->contacts.count > 0; p++) {
@@ -523,13 +524,15 @@ pliant_status pliant_missing_compliance(const pliant_data *data, int tool, const
         sum += part.size;
         for (int d = 0; d < 3; d++) total[d] += part.force[d];
         work[0] += missing;
+        formed += fmax(lattice, 0) * part.size;
         if (data->tools[tool].shape.part[p].frame == PLIANT_FRAME_TIP) continue;
         work[1] += missing;
         torque += jaw_torque(&part, pose);
     }
     if (!(sum > 0)) return PLIANT_OK;
     const double net = fmin(pliant_length3(total) / sum, 1);
-    out[0] = work[0] / (sum * sum);
-    if (torque > 0) out[1] = work[1] / (torque * torque) * (1 - net * net);
+    out->fraction = work[0] > 0 ? work[0] / (work[0] + formed) : 0;
+    out->compliance = work[0] / (sum * sum);
+    if (torque > 0) out->jaw_compliance = work[1] / (torque * torque) * (1 - net * net);
     return PLIANT_OK;
 }

@@ -24,11 +24,12 @@ typedef struct pliant_node_loads {
 } pliant_node_loads;
 
 /* Compute the missing compliance of a tool's coupling from the forces of the contact points.
- * @param out of translations [m/N] and jaws [rad/(N m)]. 0: nothing is touched, or the mesh is fine.
+ * @param out only the fraction 1: nothing is touched, or the tool gets no missing compliance
  * @param pose of the proxy when these forces acted; @param goal desired pose of the proxy
  * Errors: MEMORY. */
 pliant_status pliant_missing_compliance(const pliant_data *data, int tool, const pliant_tool_pose *pose,
-                                        const pliant_tool_pose *goal, pliant_node_loads *buffer, double out[2]);
+                                        const pliant_tool_pose *goal, pliant_node_loads *buffer,
+                                        pliant_missing_depth *out);
 
 /* Return the mesh that a tool feels. */
 static inline const pliant_mesh *pliant_felt_mesh(const pliant_data *data, int tool)

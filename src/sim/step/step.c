@@ -51,7 +51,7 @@ static pliant_status reset(const pliant_model *model, pliant_data *data)
         pliant_tool_reset_grasp(data->tools + t);
         pliant_blade_reset(data->tools + t);
         data->tools[t].proxy.known = false;
-        data->tools[t].proxy.missing_compliance = 0;
+        data->tools[t].proxy.missing = (pliant_missing_depth){.fraction = 1};
     }
     pliant_undo_clear(data);
     pliant_contact_discard(data);
