@@ -131,6 +131,45 @@ TEST(ContactTled, ThrownCubesGainNoEnergy)
         EXPECT_LT(energy_ratio(with), 1.001) << name_of(with) << ", throw " << with.seed;
 }
 
+// Waves of this tissue travel at 2 m/s, and the tool moves at up to 0.3 m/s.
+TEST(ContactTled, SoftCubesThrownAtAMovingToolGainNoEnergy)
+{
+    for (const Throw &with : all_throws(17, {3e3}))
+        if (with.target == Target::Tool)
+            EXPECT_LT(energy_ratio(with), 1.001) << name_of(with) << ", throw " << with.seed;
+}
+
+// A ball presses soft tissue at 0.5 m/s and leaves. Sub-steps are shorter from before the contact until the tissue has
+// come to rest.
+TEST(ContactTled, AFastToolShortensTheSubStepsForAWhile)
+{
+    const double h = 0.01, radius = 0.015;
+    Body body(std::vector<int>{6, 6, 4}.data(), std::vector<double>{6 * h, 6 * h, 4 * h}.data(),
+              {{3e3, 0.3, 1000, false}});
+    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    body.cells(6, 6, 4, 1);
+    body.scene.solver.kind = PLIANT_TLED;
+    body.scene.solver.step = 0.01;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const int tool = body.add_ball(radius);
+    const pliant_tled &tled = *body.data->tled;
+    const double time_step = tled.time_step;
+    const int32_t substeps = tled.substeps;
+    bool touched = false;
+    for (int s = 0; s < 400; s++) {
+        const double tip[3] = {0.033, 0.031, 4 * h + radius - 0.003 + 0.5 * body.scene.solver.step * std::abs(s - 10)};
+        const bool before = !touched;
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        touched = touched || body.data->statistics.contacts > 0;
+        if (before && touched) EXPECT_GT(tled.halvings, 0) << s;
+        EXPECT_EQ(tled.substeps, substeps << tled.halvings);
+    }
+    EXPECT_TRUE(touched);
+    EXPECT_EQ(tled.halvings, 0);
+    EXPECT_EQ(tled.time_step, time_step);
+}
+
 // A ball presses tissue and stands still. The tissue comes to rest at the default damping.
 TEST(ContactTled, TissueUnderAHeldToolComesToRest)
 {

@@ -116,7 +116,7 @@ struct pliant_tled {
     /* Sub-steps after this part in which a tool that holds, and has jumped, still reaches its target. */
     int32_t substeps_after_part[PLIANT_MAX_TOOLS];
     bool keeps_substep; /* true: a sub-step that is too long fails instead of being halved */
-    /* Number of halvings of the initial sub-step, after elements strained too fast for it. */
+    /* Number of halvings of the initial sub-step, for fast tools, and after elements strained too fast for it. */
     int32_t halvings;
     double time_step;                       /* [s] */
     double gravity[3];
@@ -150,6 +150,7 @@ struct pliant_tled {
     pliant_tled_overlap_damping overlap_damping; /* borrowed, for a frame */
     pliant_impact_zones *zones;                  /* Nullable: borrowed, for a frame */
     double reach;                                /* maximum motion of a held point per sub-step [m] */
+    double shortest_edge;                        /* at rest [m] */
 
     /* WORK ARRAYS */
     double *acceleration;                   /* (num_nodes x 3) by all forces of this step [m/s^2] */
@@ -244,6 +245,14 @@ typedef pliant_status (*pliant_tled_runner)(void *with, pliant_tled *tled, plian
 /* Do the same as pliant_tled_step with another runner than the CPU's. Its errors are returned. */
 pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools,
                                   int num_tools, pliant_statistics *statistics);
+
+/* ---- Implemented in tled_substep.c. */
+/* Choose the duration of the next sub-steps. Halve it if tools and tissue move too far in a sub-step. At the start of a
+ * frame, double it again if nothing moves fast and no element is crushed. The sub-steps done and the sub-steps of the
+ * part keep their total durations. Return whether the duration and the increments have changed.
+ * @param motion  Sum of the motions of a tool and of the tissue near it in one sub-step [m]. */
+bool pliant_tled_choose_substep(pliant_tled *tled, double motion);
+void pliant_tled_halve(pliant_tled *tled);
 
 /* ---- Implemented in tled_tools.c. */
 /* Add the tools' forces after a sub-step without tools: correct u, d and acceleration, and accumulate the forces in the

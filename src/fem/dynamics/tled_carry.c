@@ -32,6 +32,7 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
     memcpy(tled->previous_target, from->previous_target, sizeof tled->previous_target);
     tled->previous_time_step = from->previous_time_step;
     tled->contact_energy = from->contact_energy;
+    tled->tool_work = from->tool_work;
     /* Increments belong to one sub-step; relaxation has no velocity. */
     const double faster = tled->time_step / from->time_step;
     pliant_body_map_vectors(map, from->u, tled->u);

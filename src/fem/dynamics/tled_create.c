@@ -290,14 +290,15 @@ static pliant_status allocate_state(pliant_tled *tled)
 static void set_limits(pliant_tled *tled)
 {
     const pliant_mesh *mesh = tled->system->mesh;
-    tled->reach = INFINITY;
+    tled->shortest_edge = INFINITY;
     for (int32_t n = 0; n < mesh->num_nodes; n++) tled->limit[n] = INFINITY;
     for (int32_t t = 0; t < mesh->num_tets; t++) {
-        double edge = 0.5 * pliant_tled_shortest_edge(mesh, mesh->tets + 4 * t);
-        tled->reach = fmin(tled->reach, 0.2 * edge);
+        const double shortest = pliant_tled_shortest_edge(mesh, mesh->tets + 4 * t), edge = 0.5 * shortest;
+        tled->shortest_edge = fmin(tled->shortest_edge, shortest);
         for (int v = 0; v < 4; v++)
             tled->limit[mesh->tets[4 * t + v]] = fmin(tled->limit[mesh->tets[4 * t + v]], edge * edge);
     }
+    tled->reach = 0.1 * tled->shortest_edge;
 }
 
 /* Set the reference load: it moves every node by a hundredth of half an edge in its first step. It is needed when moved

@@ -341,17 +341,6 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
     return status_of(tled);
 }
 
-static void halve(pliant_tled *tled)
-{
-    tled->substeps *= 2;
-    tled->substeps_done *= 2;
-    tled->part *= 2;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) tled->substeps_after_part[t] *= 2;
-    tled->time_step *= 0.5;
-    tled->halvings++;
-    for (int32_t n = 0; n < 3 * tled->system->mesh->num_nodes; n++) tled->d[n] *= 0.5;
-}
-
 static pliant_status diverged(const pliant_tled *tled, int32_t steps)
 {
     const pliant_tled_system *system = tled->system;
@@ -407,9 +396,9 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
             tled->halvings >= ALL_HALVINGS) {
             status = diverged(tled, frame.steps);
         } else {
-            halve(tled);
-            pliant_log(PLIANT_LOG_WARNING,
-                       "tled: an element strained faster than sound; from now on sub-steps of %.3g s", tled->time_step);
+            pliant_tled_halve(tled);
+            pliant_log(PLIANT_LOG_WARNING, "tled: an element strained faster than sound; sub-steps of %.3g s",
+                       tled->time_step);
         }
     }
     for (int t = 0; t < num_tools; t++) memcpy(tools[t].force, kept_forces[t], sizeof kept_forces[t]);

@@ -69,9 +69,10 @@ int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * 
 /* Return the largest motion in the rest of this step divided by the depth of the part. The motion is the sum of the
  * part's and of the nearby tissue's motion. Parts of tools far from tissue do not count.
  * @param increment (nodes x 3) motion of each node in one sub-step [m]
- * @param times number of sub-steps */
+ * @param times number of sub-steps
+ * @param tool_motion out: largest sum for a tool near tissue, not divided by a depth [m] */
 double pliant_contact_max_motion_ratio(const pliant_model *model, const pliant_data *data, const double *increment,
-                                       int32_t times);
+                                       int32_t times, double *tool_motion);
 /* Mark the detached pieces that can meet a tool with a shape in this leg, by their predicted motion. */
 void pliant_contact_mark_pieces(pliant_data *data);
 /* ---- contact_access.c

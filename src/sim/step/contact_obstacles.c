@@ -102,12 +102,13 @@ static double find_motion_near(const pliant_data *data, const double *tip, doubl
 }
 
 double pliant_contact_max_motion_ratio(const pliant_model *model, const pliant_data *data, const double *increment,
-                                       int32_t times)
+                                       int32_t times, double *tool_motion)
 {
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
     const double elements = reach_of_elements(model, &data->body->fine);
     const double margin = model->contact.search_margin;
     double motion_ratio = 0, centre[3];
+    *tool_motion = 0;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool *tool = data->tools + t;
         const pliant_leg_tool *leg = data->legs->tool + t;
@@ -115,6 +116,7 @@ double pliant_contact_max_motion_ratio(const pliant_model *model, const pliant_d
         const double farthest = pliant_tool_max_motion(tool, &leg->begin, &leg->behind);
         const double tissue =
             find_motion_near(data, leg->begin.tip, reach_of(tool) + farthest + margin, elements, increment, times);
+        if (tissue >= 0) *tool_motion = fmax(*tool_motion, farthest + tissue);
         for (int32_t p = 0; p < tool->shape.num_parts && tissue >= 0; p++)
             motion_ratio = fmax(
                 motion_ratio,

@@ -1,5 +1,6 @@
 #include "sim/step/legs.h"
 
+#include "backend/backend.h"
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
 #include "contact/shapes/tool_shape.h"
@@ -213,14 +214,34 @@ static double choose_fraction(const pliant_model *model, pliant_data *data)
     return fraction;
 }
 
+/* Return whether a tool has pressed tissue in the last leg. */
+static bool is_pressed(const pliant_data *data)
+{
+    for (int32_t p = 0; p < data->contacts.count; p++)
+        if (data->contacts.point[p].kind == PLIANT_OBSTACLE_TOOL && data->contacts.point[p].was_pressed) return true;
+    return false;
+}
+
+/* Explicit dynamics: choose the sub-step for the motion of tools and tissue in one sub-step [m]. While a tool presses,
+ * the sub-step stays, because a change of the sub-step changes the energy of strained tissue. */
+static void choose_substep(const pliant_model *model, pliant_data *data, double motion)
+{
+    if (is_pressed(data)) return;
+    if (pliant_tled_choose_substep(data->tled, motion))
+        (void)pliant_backend_restart(model, data); /* new increments; if this fails, the CPU continues */
+}
+
 /* Explicit dynamics: choose the number of sub-steps that may use one set of contact points. Return their fraction
  * of the remaining ones. */
 static double choose_part(const pliant_model *model, pliant_data *data)
 {
     pliant_tled *tled = data->tled;
-    const int32_t left = tled->substeps - tled->substeps_done;
-    const double motion_ratio = pliant_contact_max_motion_ratio(model, data, tled->d, left),
+    double motion = 0;
+    int32_t left = tled->substeps - tled->substeps_done;
+    const double motion_ratio = pliant_contact_max_motion_ratio(model, data, tled->d, left, &motion),
                  depths = model->contact.leg_distance;
+    choose_substep(model, data, motion / left);
+    left = tled->substeps - tled->substeps_done;
     tled->part = motion_ratio > depths ? (int32_t)fmax(floor(left * depths / motion_ratio), 1) : left;
     return (double)tled->part / left;
 }
@@ -584,11 +605,14 @@ void pliant_legs_set_goals_reached(pliant_data *data)
     end_step(data);
 }
 
-void pliant_legs_skip(pliant_data *data)
+void pliant_legs_skip(const pliant_model *model, pliant_data *data)
 {
     pliant_contact_discard(data);
     data->bodies = NULL;
-    if (data->tled) data->tled->substeps_done = data->tled->part = 0;
+    if (data->tled) {
+        data->tled->substeps_done = data->tled->part = 0;
+        choose_substep(model, data, 0);
+    }
     data->statistics.legs = 1;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool_pose measured = pliant_tool_measured(data->tools + t);

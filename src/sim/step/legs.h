@@ -80,7 +80,7 @@ typedef pliant_status pliant_solve_stages(const pliant_model *model, pliant_data
 pliant_status pliant_legs_run(const pliant_model *model, pliant_data *data, double completed,
                               pliant_solve_stages *solve, pliant_status *warning);
 /* Without contact: set all proxies to the target poses. */
-void pliant_legs_skip(pliant_data *data);
+void pliant_legs_skip(const pliant_model *model, pliant_data *data);
 void pliant_legs_free(pliant_data *data);
 /* For tests: find the contact points of a leg in which all proxies go to their targets. Errors: MEMORY. */
 pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data);

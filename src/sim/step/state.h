@@ -55,6 +55,7 @@ typedef struct pliant_state_dynamics {
     double previous_time_step;          /* time between that sub-step and the last one [s] */
     double quotient[4];          /* dynamic relaxation: pliant_substep_frequency */
     double contact_energy;       /* that contacts may use to remove penetrations [J] */
+    double tool_work;            /* of the tools on the tissue in the last step [J] */
 } pliant_state_dynamics;
 
 struct pliant_state {

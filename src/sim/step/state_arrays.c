@@ -191,6 +191,7 @@ void pliant_state_save_scalars(const pliant_data *data, bool tissue, pliant_stat
         memcpy(out->previous_target, tled->previous_target, sizeof out->previous_target);
         memcpy(out->quotient, tled->quotient, sizeof out->quotient);
         out->contact_energy = tled->contact_energy;
+        out->tool_work = tled->tool_work;
     }
     if (data->rigid_pieces) {
         memcpy(state->pieces_gravity, data->rigid_pieces->gravity, sizeof state->pieces_gravity);
@@ -211,6 +212,7 @@ static void put_dynamics(const pliant_state *state, pliant_tled *tled)
     memcpy(tled->previous_target, from->previous_target, sizeof tled->previous_target);
     memcpy(tled->quotient, from->quotient, sizeof tled->quotient);
     tled->contact_energy = from->contact_energy;
+    tled->tool_work = from->tool_work;
 }
 
 /* Stop the nodes of pieces that have left the volume. */

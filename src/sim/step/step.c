@@ -202,7 +202,7 @@ static pliant_status run_legs(const pliant_model *model, pliant_data *data, plia
     if (data->solver) data->solver->spent = 0;
     if (!pliant_contact_is_idle(model, data))
         return pliant_legs_run(model, data, completed, run_stages_or_fall_back, warning);
-    pliant_legs_skip(data);
+    pliant_legs_skip(model, data);
     return run_stages_or_fall_back(model, data, warning);
 }
 
