@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-/* Return whether the scene has nothing that could be in contact with the tissue. */
+/* Return whether nothing could be in contact with the tissue, and no tool could invert elements by a pull. */
 bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data);
 /* Find the contact points of the leg that data->legs describes. Points that persist keep their forces and anchors.
  * Errors: MEMORY (the points stay unchanged). */

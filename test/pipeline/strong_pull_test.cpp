@@ -1,0 +1,85 @@
+// Strong pulls by a grasp, without contact. The volume bound (contact/volume) keeps elements from inverting.
+#include "pipeline/body.h"
+
+#include "model_data/data.h"
+
+#include <string>
+
+namespace {
+
+// A grasp at the top of a block of 12 cm jumps by 7 or 12 cm in one step. No step ends with an inverted element, and
+// the held tissue reaches the tool.
+TEST(StrongPull, OfOneStepInvertsNoElement)
+{
+    const int size[3] = {6, 6, 6};
+    const double box[3] = {0.12, 0.12, 0.12}, top[3] = {0.06, 0.06, 0.1};
+    for (const pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
+        for (const double jump : {0.07, 0.12}) {
+            Body body(size, box, {{4000, 0.45, 1000, false}});
+            body.cells(6, 6, 6, 1);
+            body.fix_plane(0, 0, 0.001, 0, 0, 1);
+            body.scene.element.kind = kind;
+            ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+            int tool = -1;
+            ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, top), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+            const double target[3] = {top[0], top[1], top[2] + jump};
+            ASSERT_EQ(pliant_tool_set_pose(body.data, tool, target, nullptr), PLIANT_OK);
+            for (int step = 0; step < 20; step++) {
+                ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+                ASSERT_EQ(pliant_data_get_inverted(body.data), 0) << step;
+            }
+            pliant_tool_state state;
+            ASSERT_EQ(pliant_tool_get(body.data, tool, &state), PLIANT_OK);
+            EXPECT_NEAR(state.held_point[2], target[2], 1e-3);
+        }
+}
+
+// The pull of launch/scenes/demo_pull.yaml: 3 cm at the phantom's liver, within a second. The tissue then follows.
+void expect_none_inverted(pliant_element_kind kind, int ratio)
+{
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_labels labels{};
+    pliant_material_table table{};
+    pliant_model *model = nullptr;
+    pliant_data *data = nullptr;
+    ASSERT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/demo.yaml", &scene), PLIANT_OK);
+    ASSERT_EQ(pliant_inputs_read(&scene, "phantom", &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
+    scene.element.kind = kind;
+    scene.mesh.ratio = ratio;
+    scene.solver.backend = PLIANT_CPU;
+    ASSERT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK)
+        << pliant_last_error();
+    ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
+    const double liver[3] = {-0.054, -0.063, 0.063};
+    int tool = -1, converged = 0;
+    EXPECT_EQ(pliant_tool_add(model, data, "grasper", &tool), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_grasp(model, data, tool, liver), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+    for (int s = 1; s <= 70 && converged < 2; s++) {
+        const double target[3] = {liver[0], liver[1] - 0.03 * std::min(s, 50) / 50, liver[2]};
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, target, nullptr), PLIANT_OK);
+        const pliant_status status = pliant_step(model, data);
+        EXPECT_GE(status, 0) << pliant_last_error();
+        EXPECT_EQ(pliant_data_get_inverted(data), 0) << s;
+        converged = s > 50 && status == PLIANT_OK ? converged + 1 : 0;
+    }
+    pliant_tool_state state;
+    EXPECT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
+    EXPECT_EQ(converged, 2);
+    EXPECT_NEAR(state.held_point[1], liver[1] - 0.03, 1e-4);
+    pliant_data_free(data);
+    pliant_model_free(model);
+    pliant_material_table_free(&table);
+    pliant_volume_free(&scan);
+    pliant_labels_free(&labels);
+}
+
+TEST(PullOfThreeCentimetres, InvertsNoHexahedronOf21Millimetres) { expect_none_inverted(PLIANT_HEXAHEDRA, 2); }
+TEST(PullOfThreeCentimetres, InvertsNoHexahedronOf14Millimetres) { expect_none_inverted(PLIANT_HEXAHEDRA, 3); }
+TEST(PullOfThreeCentimetres, InvertsNoHexahedronOf10Millimetres) { expect_none_inverted(PLIANT_HEXAHEDRA, 4); }
+TEST(PullOfThreeCentimetres, InvertsNoTetrahedronOf14Millimetres) { expect_none_inverted(PLIANT_LINEAR, 3); }
+
+} // namespace
