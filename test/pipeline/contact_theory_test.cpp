@@ -103,16 +103,20 @@ TEST(ContactTheory, ABallOnAHalfSpaceAsHertz)
 }
 
 // A ball rests deep in coarse cells, away from their nodes. The triangles turn under the force, but the contact points
-// settle. Points that follow the nearest point at once alternate between two states, whose forces differ by 8 %.
+// settle. Points that follow the nearest point at once alternate between two states, whose forces differ by 8 %. Points
+// that do not stay below the sag settle slower on hexahedra: the forces of eight steps differ by 0.5 %.
 TEST(ContactTheory, PointsSettleOnCoarseCells)
 {
     const double edge = 0.12, height = 0.06;
-    for (double friction : {0.0, 0.3}) {
+    for (int n = 0; n < 4; n++) {
+        const bool hexahedra = n >= 2;
+        const double friction = n % 2 ? 0.3 : 0, depth = hexahedra ? 0.004 : 0.008;
         Body block(std::vector<int>{12, 12, 6}.data(), std::vector<double>{edge, edge, height}.data(),
                    {{10e3, 0.45, 1000, false}});
         for (double &g : block.scene.model.gravity) g = 0;
         block.cells(12, 12, 6, 1);
         block.fix_plane(0, 0, 1e-4, 0, 0, 1);
+        block.scene.element.kind = hexahedra ? PLIANT_HEXAHEDRA : PLIANT_LINEAR;
         block.scene.contact.friction = friction;
         block.scene.solver.tolerance = 1e-5;
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
@@ -120,16 +124,16 @@ TEST(ContactTheory, PointsSettleOnCoarseCells)
             ASSERT_EQ(pliant_data_reset(block.model, block.data), PLIANT_OK);
             const int tool = block.add_ball(0.02);
             double low = INFINITY, high = 0;
-            for (int s = 0; s <= 38; s++) {
+            for (int s = 0; s <= 24; s++) {
                 place(block, tool, edge / 2 + aside[0], edge / 2 + aside[1],
-                      height + 0.02 - 0.008 * std::fmin(1, s / 8.0));
+                      height + 0.02 - depth * std::fmin(1, s / 8.0));
                 ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
                 const double force = -contact_force_of(block, tool).by[2];
-                if (s < 33) continue;
+                if (s < 17) continue;
                 low = std::fmin(low, force), high = std::fmax(high, force);
             }
-            std::printf("friction %g, %g mm aside: resting force %.4f to %.4f N\n", friction, 1e3 * aside[0], low,
-                        high);
+            std::printf("%s, friction %g, %g mm aside: resting force %.4f to %.4f N\n",
+                        hexahedra ? "hexahedra" : "tetrahedra", friction, 1e3 * aside[0], low, high);
             EXPECT_LT(high - low, 1e-3 * high);
         }
     }
@@ -301,6 +305,8 @@ TEST(ContactTheory, AShaftThatIsDrawnAlongItsAxisFeelsMuN)
         EXPECT_GT(force.presses, 1);
         EXPECT_GT(first, 0.1 * friction);
         EXPECT_NEAR(force.by[0] / force.presses, friction, 2e-3 * friction);
+        place(block, tool, block.edge / 2 + 0.002 * 13, 0.0553, block.height + radius - 0.008);
+        force = press(block, tool, 1); // while the shaft rests, some points may stick
         EXPECT_NEAR(force.slides / force.presses, friction, 1e-6);
     }
 }
