@@ -1,6 +1,7 @@
 // Strong pulls by a grasp, without contact. The volume bound (contact/volume) keeps elements from inverting.
 #include "pipeline/body.h"
 
+#include "backend/backend.h"
 #include "model_data/data.h"
 
 #include <string>
@@ -37,7 +38,7 @@ TEST(StrongPull, OfOneStepInvertsNoElement)
 }
 
 // The pull of launch/scenes/demo_pull.yaml: 3 cm at the phantom's liver, within a second. The tissue then follows.
-void expect_none_inverted(pliant_element_kind kind, int ratio)
+void expect_none_inverted(pliant_element_kind kind, int ratio, pliant_backend_choice backend)
 {
     pliant_scene scene;
     pliant_volume scan{};
@@ -49,7 +50,7 @@ void expect_none_inverted(pliant_element_kind kind, int ratio)
     ASSERT_EQ(pliant_inputs_read(&scene, "phantom", &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
     scene.element.kind = kind;
     scene.mesh.ratio = ratio;
-    scene.solver.backend = PLIANT_CPU;
+    scene.solver.backend = backend;
     ASSERT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK)
         << pliant_last_error();
     ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
@@ -77,9 +78,37 @@ void expect_none_inverted(pliant_element_kind kind, int ratio)
     pliant_labels_free(&labels);
 }
 
-TEST(PullOfThreeCentimetres, InvertsNoHexahedronOf21Millimetres) { expect_none_inverted(PLIANT_HEXAHEDRA, 2); }
-TEST(PullOfThreeCentimetres, InvertsNoHexahedronOf14Millimetres) { expect_none_inverted(PLIANT_HEXAHEDRA, 3); }
-TEST(PullOfThreeCentimetres, InvertsNoHexahedronOf10Millimetres) { expect_none_inverted(PLIANT_HEXAHEDRA, 4); }
-TEST(PullOfThreeCentimetres, InvertsNoTetrahedronOf14Millimetres) { expect_none_inverted(PLIANT_LINEAR, 3); }
+bool there_is_a_gpu()
+{
+    const pliant_backend *cuda = pliant_corotational.cuda;
+    char text[PLIANT_BACKEND_TEXT];
+    bool use = false;
+    return pliant_gpu_choose(PLIANT_AUTO, cuda ? cuda->probe : nullptr, text, &use) == PLIANT_OK && use;
+}
+
+struct Pull {
+    const char *name;
+    pliant_element_kind kind;
+    int ratio;
+};
+class PullOfThreeCentimetres : public testing::TestWithParam<Pull> {};
+
+TEST_P(PullOfThreeCentimetres, InvertsNoElement)
+{
+    expect_none_inverted(GetParam().kind, GetParam().ratio, PLIANT_CPU);
+}
+
+TEST_P(PullOfThreeCentimetres, InvertsNoElementOnAGpu)
+{
+    if (!there_is_a_gpu()) GTEST_SKIP() << "no GPU can be used";
+    expect_none_inverted(GetParam().kind, GetParam().ratio, PLIANT_CUDA);
+}
+
+INSTANTIATE_TEST_SUITE_P(Cells, PullOfThreeCentimetres,
+                         testing::Values(Pull{"Hexahedra21Millimetres", PLIANT_HEXAHEDRA, 2},
+                                         Pull{"Hexahedra14Millimetres", PLIANT_HEXAHEDRA, 3},
+                                         Pull{"Hexahedra10Millimetres", PLIANT_HEXAHEDRA, 4},
+                                         Pull{"Tetrahedra14Millimetres", PLIANT_LINEAR, 3}),
+                         [](const testing::TestParamInfo<Pull> &info) { return info.param.name; });
 
 } // namespace

@@ -100,12 +100,11 @@ static void gather_parts(const pliant_model *model, pliant_data *data)
 /* ---- the stage */
 
 /* Return whether legs keep elements from inverting in a step without contact: a tool that holds tissue can pull it
- * strongly. A GPU leaves this out, to save time. Air is meant to invert. */
+ * strongly. Air is meant to invert. */
 static bool keeps_volumes_of_pull(const pliant_model *model, const pliant_data *data)
 {
     bool any = false;
-    if (!data->backend->state_is_on_host || !pliant_contact_bounds_volumes(data) || model->scene.mesh.keep_air)
-        return false;
+    if (!pliant_contact_bounds_volumes(data) || model->scene.mesh.keep_air) return false;
     for (int t = 0; t < data->num_tools; t++) any = any || (data->tools[t].present && data->tools[t].holding);
     return any;
 }
