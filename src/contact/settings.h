@@ -13,8 +13,8 @@
  * bar: two boxes squeeze a bar of 30 x 30 x 80 mm by 2 mm each and lift it. 80 steps: 152 evaluations, 2.05 N.
  * soft: the same with contact/max_force 0.8 N. 60 steps: 120 evaluations, 60 legs, 0.80 N.
  * jaws: a forceps closes on the phantom's liver (launch/scenes/grasp.yaml). 55 steps: 189 evaluations, 55 legs, 1.35 N.
- * rest: bench_force linear 10 and bench_force hexahedra 10. Of 26 forces each, 0 and 6 vary by more than 0.1 %, by
- *     up to 4.5 %.
+ * rest: bench_force linear 10 and bench_force hexahedra 10. Of 26 forces each, 0 and 6 forces vary by more than
+ *     0.1 %. The largest variation is 4.5 %.
  * self: self_contact_test. */
 #ifndef PLIANT_CONTACT_SETTINGS_H
 #define PLIANT_CONTACT_SETTINGS_H

@@ -1,5 +1,5 @@
-// Bodies for cuda_contact_test and cuda_sweep_test: a block under tools, a sheet under a rod, falling blocks and
-// detached pieces, on the CPU and on the GPU.
+// Bodies for cuda_contact_test and cuda_sweep_test, on the CPU and on the GPU: a block under tools, a sheet under a
+// rod, falling blocks, and detached pieces.
 #ifndef PLIANT_TEST_CUDA_CONTACTS_H
 #define PLIANT_TEST_CUDA_CONTACTS_H
 

@@ -229,9 +229,9 @@ static void store_final_state(pliant_solver *solver)
     memcpy(at->step_force, solver->now.step_force, sizeof at->step_force);
 }
 
-/* Evaluate the final state of the step, and report the error of the step before. Most steps end blindly. The next step
- * starts there with other loads: the elastic forces stay valid, and so does the preconditioned step if only the tools'
- * targets have changed. Around a patch, more inputs than the loads change, so the next step cannot use this
+/* Evaluate the final state of the step, and report the error of the step before. A step usually ends blindly. The
+ * next step starts there with other loads. The elastic forces stay valid. The preconditioned step stays valid if only
+ * the tools' targets have changed. Around a patch, more inputs than the loads change, so the next step cannot use this
  * evaluation. */
 static void evaluate_final_state(pliant_solver *solver, step_time *time)
 {

@@ -6,7 +6,7 @@
 
 /* ---- mesh_from_file.c
  * Read mesh/file into the topology's fine mesh. Its tetrahedra get their materials from the file's regions, or from
- * the scan if there are none. Errors: FILE, FORMAT, SCENE, MATERIAL (regions without a material), MEMORY. */
+ * the scan if there is no region. Errors: FILE, FORMAT, SCENE, MATERIAL (regions without a material), MEMORY. */
 pliant_status pliant_external_mesh(pliant_model *model);
 /* Refuse options that conflict with mesh/file. Errors: SCENE. */
 pliant_status pliant_external_check(const pliant_scene *scene);
@@ -15,7 +15,7 @@ pliant_status pliant_external_check(const pliant_scene *scene);
  * Return whether a node of the fine mesh is fixed, from its rest position. */
 bool pliant_fixed_node(const pliant_model *model, int32_t node);
 /* Warn about planes of the scene that lie between nodes, with their distance to the nearest ones.
- * @return number of the first plane without fixed nodes, counted from 1; 0: there is none */
+ * @return number of the first plane without fixed nodes, counted from 1; 0: all planes have fixed nodes */
 int pliant_fixed_planes_log(const pliant_model *model);
 /* Move nodes of the fine mesh near fixed material onto its surface, as the voxels show it (mesh/bone_surface).
  * Errors: MEMORY, FORMAT. */

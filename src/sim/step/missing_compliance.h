@@ -24,7 +24,7 @@ typedef struct pliant_node_loads {
 } pliant_node_loads;
 
 /* Compute the missing compliance of a tool's coupling from the forces of the contact points.
- * @param out only the fraction 1: nothing is touched, or the tool gets no missing compliance
+ * @param out zero and the fraction 1 if nothing is touched, or if the tool gets no missing compliance
  * @param pose of the proxy when these forces acted; @param goal desired pose of the proxy
  * Errors: MEMORY. */
 pliant_status pliant_missing_compliance(const pliant_data *data, int tool, const pliant_tool_pose *pose,
