@@ -60,8 +60,7 @@ static void share_target(const pliant_data *data, int leader, double target[3])
                  own[3] = {target[0] - held[0], target[1] - held[1], target[2] - held[2]};
     for (int m = 1; m < count; m++) {
         const pliant_tool *tool = data->tools + member[m];
-        for (int d = 0; d < 3; d++)
-            target[d] += (tool->tip[d] - tool->tip_offset[d] - tool->held_point[d] - own[d]) / count;
+        for (int d = 0; d < 3; d++) target[d] += (pliant_tool_target(tool, d) - tool->held_point[d] - own[d]) / count;
     }
 }
 
@@ -76,7 +75,7 @@ static void set_spring_target(const pliant_tool *tool, double step, const double
     double damper = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING ? pliant_tool_damping(tool) / step : 0;
     double stiffness = pliant_tool_stiffness(tool), whole = stiffness + damper;
     for (int d = 0; d < 3; d++) {
-        double p = tool->tip[d] - tool->tip_offset[d];
+        double p = pliant_tool_target(tool, d);
         grasp->target[d] = (stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
         if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING)
             grasp->target[d] += pliant_tool_mass(tool) * gravity[d] / whole;
@@ -92,7 +91,7 @@ pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data
     const int leader = pliant_grasp_leader(data, index);
     if (!tool->holding || leader != index) {
         if (grasp->active) pliant_solver_remove_grasp(solver, index);
-        for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->tip_offset[d];
+        for (int d = 0; d < 3; d++) tool->last_target[d] = pliant_tool_target(tool, d);
         tool->attached = tool->holding;
         return PLIANT_OK;
     }
@@ -112,7 +111,7 @@ pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data
     for (int d = 0; by_force && d < 3; d++) grasp->force[d] = tool->driving_force[d] + tool->mass * data->gravity[d];
     if (!by_force) set_spring_target(tool, model->scene.solver.step, data->gravity, grasp);
     if (pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID) share_target(data, index, grasp->target);
-    for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->tip_offset[d];
+    for (int d = 0; d < 3; d++) tool->last_target[d] = pliant_tool_target(tool, d);
     return PLIANT_OK;
 }
 

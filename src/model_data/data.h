@@ -37,7 +37,7 @@ typedef struct pliant_blade {
     double direction[3];   /* direction in which it last swept tissue */
     uint64_t stroke;       /* number of strokes so far */
     pliant_edge edge;      /* during a stroke */
-    double tip[3], rotation[4]; /* pose of the tool at the last motion of the edge */
+    double tip[3], rotation[4]; /* pose at the last motion of the edge (pliant_blade_pose) */
     /* RESISTANCE: the edge drags the tissue by the tool's hold until it slips. */
     bool is_dragging;
     bool has_slipped; /* the tissue is free: the blade cuts tissue that has moved back over it */
@@ -78,8 +78,7 @@ typedef struct pliant_tool {
     double *weight;        /* (num_held), sum 1 */
     bool attached;         /* the solver has this hold */
     double last_target[3]; /* target of the held point in the last step [m] */
-    /* Offset from the held point to the tip at the time of the grasp. The target of the held point is tip - tip_offset
-     * [m]. */
+    /* Offset from the held point to the tip at the time of the grasp (pliant_tool_target) [m]. */
     double tip_offset[3];
     double grasped[3], grasped_radius; /* the grasped ball, at rest [m] */
     double slipped;        /* slip distance of this hold (grasp/slip) [m] */
@@ -92,6 +91,7 @@ typedef struct pliant_tool {
     struct {
         bool known;
         bool released;         /* it was placed inside tissue, and has no contact until it has left the tissue */
+        bool has_jumped;       /* in the last step, to the measured pose */
         double tip[3], rotation[4], jaw;
         double target[3]; /* tip of the target in the last step [m] */
         /* Force and torque of its coupling, and torque of its jaws, from the solve of the last leg [N, N m]. A
@@ -119,6 +119,17 @@ static inline double pliant_tool_damping(const pliant_tool *tool)
     return tool->blade.is_dragging ? 0 : tool->damping;
 }
 static inline double pliant_tool_mass(const pliant_tool *tool) { return tool->blade.is_dragging ? 0 : tool->mass; }
+/* Return whether the tool drags tissue by a blade that acts at the proxy. */
+static inline bool pliant_tool_drags_at_proxy(const pliant_tool *tool)
+{
+    return tool->blade.is_dragging && tool->shape.num_parts > 0;
+}
+/* Return a coordinate of the target of the held point [m]. It moves with the tool, which is the predicted proxy during
+ * a leg. A blade at the proxy drags tissue to where the blade was when the step began. */
+static inline double pliant_tool_target(const pliant_tool *tool, int d)
+{
+    return (pliant_tool_drags_at_proxy(tool) ? tool->blade.tip[d] : tool->tip[d]) - tool->tip_offset[d];
+}
 /* Return whether the tool holds tissue, other than by its blade. */
 static inline bool pliant_tool_grips(const pliant_tool *tool) { return tool->holding && !tool->blade.is_dragging; }
 

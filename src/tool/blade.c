@@ -70,10 +70,15 @@ pliant_status pliant_tool_set_blade(pliant_data *data, int index, const double f
     return PLIANT_OK;
 }
 
-static void take_pose(pliant_tool *tool)
+pliant_tool_pose pliant_blade_pose(const pliant_tool *tool)
 {
-    memcpy(tool->blade.tip, tool->tip, sizeof tool->tip);
-    memcpy(tool->blade.rotation, tool->rotation, sizeof tool->rotation);
+    return tool->shape.num_parts > 0 && tool->proxy.known ? pliant_tool_proxy(tool) : pliant_tool_measured(tool);
+}
+
+static void set_pose(pliant_blade *blade, const pliant_tool_pose *pose)
+{
+    memcpy(blade->tip, pose->tip, sizeof blade->tip);
+    memcpy(blade->rotation, pose->rotation, sizeof blade->rotation);
 }
 
 /* Subdivided elements separate by whole faces. The next step therefore cuts the faces in which the stroke ends. */
@@ -102,7 +107,8 @@ pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no blade (pliant_tool_set_blade)", tool->name);
     if (!on) switch_off(data, tool);
     else if (tool->blade.is_ending) pliant_blade_end_stroke(tool);
-    if (on && !tool->blade.cutting && tool->present) take_pose(tool);
+    const pliant_tool_pose pose = pliant_blade_pose(tool);
+    if (on && !tool->blade.cutting && tool->present) set_pose(&tool->blade, &pose);
     tool->blade.cutting = on;
     return PLIANT_OK;
 }
@@ -214,9 +220,10 @@ pliant_status pliant_blade_begin_stroke(pliant_data *data, int index, double spa
     pliant_status status = pliant_edge_create(
         (int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MAX_POINTS - 1) + 1, reach, &blade->edge);
     if (status != PLIANT_OK) return status;
-    pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
+    const pliant_tool_pose pose = pliant_blade_pose(tool);
+    pliant_blade_points(blade, pose.tip, pose.rotation, blade->edge.now);
     pliant_blade_set_edge(data, &blade->edge);
-    take_pose(tool);
+    set_pose(blade, &pose);
     blade->is_in_stroke = true;
     blade->stroke++;
     return PLIANT_OK;

@@ -2,17 +2,16 @@
 #ifndef PLIANT_INTERACT_BLADE_H
 #define PLIANT_INTERACT_BLADE_H
 
-#include "model_data/data.h"
+#include "tool/pose.h"
 
 /* Allocate an edge with `count` points, zeroed. *edge is overwritten; it is empty on errors. Errors: MEMORY. */
 pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge);
 
 double pliant_blade_length(const pliant_blade *blade); /* [m] */
-/* Begin a stroke with the edge at the tool's current position. Points are at most `spacing` [m] apart, and follow
- * tissue at most `reach` [m] away. Errors: MEMORY (no stroke has begun). */
+/* Begin a stroke with the edge at pliant_blade_pose. Points are at most `spacing` [m] apart, and follow tissue at
+ * most `reach` [m] away. Errors: MEMORY (no stroke has begun). */
 pliant_status pliant_blade_begin_stroke(pliant_data *data, int tool, double spacing, double reach);
-/* Return whether the blade has a previous pose: the pose of the last step, or the tool's pose when the blade was
- * switched on. */
+/* Return whether the blade has a previous pose: its pose in the last step, or when it was switched on. */
 bool pliant_blade_has_pose(const pliant_blade *blade);
 /* End the stroke; the blade stays. */
 void pliant_blade_end_stroke(pliant_tool *tool);
@@ -26,6 +25,9 @@ pliant_status pliant_blade_transfer(pliant_blade *blade, const pliant_blade *fro
 /* Compute the points of a tool's edge at a pose.
  * @param out (edge.count x 3) */
 void pliant_blade_points(const pliant_blade *blade, const double tip[3], const double rotation[4], double *out);
+/* Return the pose at which a tool's blade cuts in this step. For a tool with a shape it is the proxy at the end of the
+ * last step, because contact moves the proxy after the cut. Without a shape it is the measured pose. */
+pliant_tool_pose pliant_blade_pose(const pliant_tool *tool);
 /* Move the points in tissue, and near tissue, to the tissue's current position. */
 void pliant_blade_move_with_tissue(const pliant_data *data, pliant_edge *edge);
 /* Move the edge to `now`, and find the tissue that its points follow. */

@@ -442,7 +442,7 @@ void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
     const double maximum = scene->grasp.slip / (tool->stiffness + tool->damping / scene->solver.step);
     double stretch[3], length = 0;
     for (int d = 0; d < 3; d++) {
-        stretch[d] = tool->tip[d] - tool->tip_offset[d] - tool->held_point[d];
+        stretch[d] = pliant_tool_target(tool, d) - tool->held_point[d];
         length += stretch[d] * stretch[d];
     }
     length = sqrt(length);

@@ -351,7 +351,7 @@ static void set_tools(const pliant_tled *tled, const pliant_tool *tools, int num
         hold->active = 1;
         hold->substeps_after_part = tled->substeps_after_part[t];
         hold->drive = pliant_tool_drive(tool);
-        for (int d = 0; d < 3; d++) hold->goal[d] = tool->tip[d] - tool->tip_offset[d];
+        for (int d = 0; d < 3; d++) hold->goal[d] = pliant_tool_target(tool, d);
         memcpy(hold->driving_force, tool->driving_force, sizeof hold->driving_force);
         hold->stiffness = pliant_tool_stiffness(tool);
         hold->damping = pliant_tool_damping(tool);

@@ -89,7 +89,7 @@ static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int
     double goal[3], now[3], before[3], ahead[3], pushed[3], start[3], older[3], old_target[3];
     double *target = tled->target[index], *previous_point = tled->previous_point[index],
            *previous_target = tled->previous_target[index];
-    for (int d = 0; d < 3; d++) goal[d] = tool->tip[d] - tool->tip_offset[d];
+    for (int d = 0; d < 3; d++) goal[d] = pliant_tool_target(tool, d);
     memcpy(old_target, target, sizeof old_target);
     pliant_substep_approach(target, goal, parts, tled->reach);
     held_point(tled, tool, NULL, 0, now);

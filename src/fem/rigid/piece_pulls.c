@@ -72,7 +72,7 @@ void pliant_rigid_pieces_find_grips(pliant_rigid_pieces *rigid_pieces, const pli
             for (int d = 0; d < 3; d++) {
                 at->point[d] /= at->fraction;
                 at->offset[d] = known ? before->offset[d] : at->point[d] - whole[d];
-                at->last[d] = known ? before->last[d] : tool->tip[d] - tool->tip_offset[d] + at->offset[d];
+                at->last[d] = known ? before->last[d] : pliant_tool_target(tool, d) + at->offset[d];
             }
         }
     }
@@ -91,7 +91,7 @@ static pliant_rigid_pull pull_of(const grip *at, const pliant_tool *tool, const 
         pull.arm[d] = at->point[d] - centre[d];
         pull.force[d] = pull.is_force ? at->fraction * tool->driving_force[d] : 0;
         pull.from[d] = at->last[d];
-        pull.to[d] = tool->tip[d] - tool->tip_offset[d] + at->offset[d];
+        pull.to[d] = pliant_tool_target(tool, d) + at->offset[d];
     }
     return pull;
 }

@@ -381,9 +381,9 @@ void cut_message(const pliant_tool_state &tool, Cut *out)
     out->stroke = tool.stroke;
     out->severed_area = tool.severed_area;
     out->pieces = tool.pieces;
-    out->point.x = tool.tip[0];
-    out->point.y = tool.tip[1];
-    out->point.z = tool.tip[2];
+    out->point.x = tool.proxy_tip[0];
+    out->point.y = tool.proxy_tip[1];
+    out->point.z = tool.proxy_tip[2];
 }
 
 void timing_message(const pliant_statistics &statistics, StepTiming *out)

@@ -1,4 +1,5 @@
-/* The first stage of a step: active blades cut the tissue that they sweep through.
+/* The first stage of a step: active blades cut the tissue that they sweep through. The blade of a tool with a shape
+ * sweeps the motion of the proxy in the last step (pliant_blade_pose).
  *
  * A blade first drags tissue and then cuts it. A spring of stiffness k pulls the tissue at the edge's points towards
  * the blade. Its force is k y, where y is the distance that the blade has moved since the drag began. Real tissue
@@ -33,6 +34,7 @@ typedef struct knife {
     pliant_data *data;
     int index;
     pliant_tool *tool;
+    pliant_tool_pose pose;     /* where the blade is in this step (pliant_blade_pose) */
     double min_edge, max_edge; /* smallest and largest voxel edge [m] */
     double ahead;              /* distance ahead of a blade in which tissue resists: a voxel or a tetrahedron [m] */
 } knife;
@@ -274,7 +276,7 @@ static void drag(const knife *work, bool reattach)
             motion[d] += (edge->now[3 * p + d] - edge->place[3 * p + d]) / inside;
         }
     const double slide = pliant_dot3(motion, along); /* the edge slides along itself without resistance */
-    for (int d = 0; d < 3; d++) tool->tip_offset[d] = tool->tip[d] - (held[d] + motion[d] - slide * along[d]);
+    for (int d = 0; d < 3; d++) tool->tip_offset[d] = work->pose.tip[d] - (held[d] + motion[d] - slide * along[d]);
 }
 
 /* Release the tissue for a step. It returns over the edge and is cut in its unloaded state. */
@@ -424,7 +426,7 @@ static void move_against_resistance(const knife *work, const double last[3], boo
 static int32_t turns_of(const knife *work)
 {
     const pliant_blade *blade = &work->tool->blade;
-    const double *a = blade->rotation, *b = work->tool->rotation;
+    const double *a = blade->rotation, *b = work->pose.rotation;
     const double sizes = sqrt((pliant_dot3(a, a) + a[3] * a[3]) * (pliant_dot3(b, b) + b[3] * b[3])),
                  cosine = sizes > 0 ? fabs(pliant_dot3(a, b) + a[3] * b[3]) / sizes : 1;
     const double angle = 2 * acos(fmin(cosine, 1)),
@@ -449,15 +451,29 @@ static double way_of(const knife *work)
     for (int end = 0; end < 2; end++) {
         double before[3], now[3], motion[3];
         pliant_rotate(blade->rotation, end ? blade->to : blade->from, before);
-        pliant_rotate(work->tool->rotation, end ? blade->to : blade->from, now);
-        for (int d = 0; d < 3; d++) motion[d] = work->tool->tip[d] + now[d] - (blade->tip[d] + before[d]);
+        pliant_rotate(work->pose.rotation, end ? blade->to : blade->from, now);
+        for (int d = 0; d < 3; d++) motion[d] = work->pose.tip[d] + now[d] - (blade->tip[d] + before[d]);
         far = fmax(far, pliant_length3(motion));
     }
     return far;
 }
 
+/* Return whether the blade's proxy has jumped to the measured pose. Warn once while the blade is on. */
+static bool proxy_has_jumped(const knife *work)
+{
+    const pliant_tool *tool = work->tool;
+    if (!(tool->shape.num_parts > 0 && tool->proxy.has_jumped)) return false;
+    if (!tool->blade.failed)
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "tool %s: its proxy has jumped to the measured pose (contact/max_proxy_error, or faster than %g m/s); "
+            "its blade cuts nothing on its way. Move it more slowly, and out of the tissue that blocks it",
+            tool->name, work->model->contact.max_tool_speed);
+    return true;
+}
+
 /* Return whether the blade is too fast to cut in this step. Warn once while the blade is on. */
-static bool has_jumped(const knife *work)
+static bool is_too_fast(const knife *work)
 {
     pliant_blade *blade = &work->tool->blade;
     const double fastest = work->model->contact.max_tool_speed, step = work->model->scene.solver.step,
@@ -476,7 +492,7 @@ static void cut_with(const knife *work)
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
-    const bool jumped = has_jumped(work);
+    const bool jumped = proxy_has_jumped(work) || is_too_fast(work);
     if (jumped && blade->is_in_stroke) pliant_blade_end_stroke(tool);
     if (!blade->is_in_stroke) {
         begin(work);
@@ -487,13 +503,13 @@ static void cut_with(const knife *work)
     if (blade->is_dragging || blade->has_slipped) add_blade_work(tool);
     pliant_blade_points(blade, blade->tip, blade->rotation, blade->edge.swept);
     pliant_blade_middle(&blade->edge, blade->edge.swept, last);
-    pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
+    pliant_blade_points(blade, work->pose.tip, work->pose.rotation, blade->edge.now);
     const bool far = moves_far(work, last);
     const int32_t turns = turns_of(work);
     for (int32_t k = 1; k <= turns; k++) {
         double tip[3], rotation[4], fraction = (double)k / turns;
-        for (int d = 0; d < 3; d++) tip[d] = blade->tip[d] + fraction * (tool->tip[d] - blade->tip[d]);
-        pliant_rotation_between(blade->rotation, tool->rotation, fraction, rotation);
+        for (int d = 0; d < 3; d++) tip[d] = blade->tip[d] + fraction * (work->pose.tip[d] - blade->tip[d]);
+        pliant_rotation_between(blade->rotation, work->pose.rotation, fraction, rotation);
         pliant_blade_points(blade, tip, rotation, blade->edge.now);
         pliant_blade_move_with_tissue(work->data, &blade->edge);
         if (!blade->is_dragging && longest_distance(&blade->edge) <= min_motion * work->min_edge) {
@@ -505,8 +521,8 @@ static void cut_with(const knife *work)
     }
     pliant_blade_middle(&blade->edge, blade->edge.now, middle);
     for (int d = 0; d < 3; d++) blade->moved[d] = blade->is_dragging || blade->has_slipped ? middle[d] - last[d] : 0;
-    memcpy(blade->tip, tool->tip, sizeof blade->tip);
-    memcpy(blade->rotation, tool->rotation, sizeof blade->rotation);
+    memcpy(blade->tip, work->pose.tip, sizeof blade->tip);
+    memcpy(blade->rotation, work->pose.rotation, sizeof blade->rotation);
     blade->engaged_length = count_in_tissue(work) * pliant_blade_length(blade) / blade->edge.count;
 }
 
@@ -527,6 +543,7 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
                             .data = data,
                             .index = t,
                             .tool = tool,
+                            .pose = pliant_blade_pose(tool),
                             .min_edge = fmin(size[0], fmin(size[1], size[2])),
                             .max_edge = fmax(size[0], fmax(size[1], size[2])),
                             .ahead = find_distance_ahead(model)};

@@ -42,7 +42,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
     const pliant_tool_pose measured = pliant_tool_measured(tool);
     const bool comes = !tool->present || !tool->proxy.known;
     bool is_free = true, is_inside = false;
-    data->legs->tool[t].is_placed = false;
+    data->legs->tool[t].is_placed = tool->proxy.has_jumped = false;
     if (!comes && !tool->proxy.released && !has_jumped(model, tool)) return PLIANT_OK;
     if (tool->present && tool->shape.num_parts > 0) {
         pliant_status status = pliant_contact_is_free(model, data, t, &measured, &is_free, &is_inside);
@@ -50,6 +50,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
     }
     if (comes || tool->proxy.released) tool->proxy.released = is_inside || (tool->proxy.released && !is_free);
     else if (!is_free || is_inside) return PLIANT_OK;
+    else tool->proxy.has_jumped = true;
     data->legs->tool[t].is_placed = true;
     pliant_tool_set_proxy(tool, &measured);
     memset(tool->proxy.coupling_load, 0, sizeof tool->proxy.coupling_load);
@@ -275,7 +276,8 @@ static void set_goals(const pliant_model *model, pliant_data *data, double fract
         memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
         memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);
         tool->jaw = leg->ahead.jaw;
-        for (int d = 0; d < 3 && grasp && pliant_grasp_is_spring(grasp); d++)
+        const bool follows = grasp && pliant_grasp_is_spring(grasp) && !pliant_tool_drags_at_proxy(tool);
+        for (int d = 0; d < 3 && follows; d++)
             grasp->target[d] = leg->target[d] + (leg->goal.tip[d] - leg->measured.tip[d]);
     }
 }
@@ -617,6 +619,7 @@ void pliant_legs_skip(const pliant_model *model, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool_pose measured = pliant_tool_measured(data->tools + t);
         pliant_tool_set_proxy(data->tools + t, &measured);
+        data->tools[t].proxy.has_jumped = false;
         set_followed(data->tools + t);
         data->tools[t].proxy.missing = (pliant_missing_depth){.fraction = 1};
     }

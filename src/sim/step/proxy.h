@@ -8,18 +8,12 @@
 #include "contact/advance/advance.h"
 #include "contact/shapes/shapes.h"
 #include "fem/quasistatic/contact.h"
-#include "model_data/data.h"
+#include "tool/pose.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* Return the target pose, which is measured. */
-pliant_tool_pose pliant_tool_measured(const pliant_tool *tool);
-/* Return the proxy pose, which is simulated. */
-pliant_tool_pose pliant_tool_proxy(const pliant_tool *tool);
-/* Set the proxy pose. */
-void pliant_tool_set_proxy(pliant_tool *tool, const pliant_tool_pose *pose);
 /* Return an upper bound of the distance that any point of a part moves between two poses [m]. */
 double pliant_part_max_motion(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
                               const pliant_tool_pose *to);
