@@ -35,9 +35,9 @@ struct ReportedBeam : Beam {
         EXPECT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
     }
     ~ReportedBeam() { pliant_report_close(&tables); }
-    std::string cell(const char *name)
+    std::string cell(const char *name, size_t row = 0)
     {
-        return pliant_results_cell(tables.truth, 0, pliant_results_column(tables.truth, name));
+        return pliant_results_cell(tables.truth, row, pliant_results_column(tables.truth, name));
     }
 };
 
@@ -65,6 +65,54 @@ TEST(Truth, ErrorOfABeamsMeshIsEstimatedWithinAFactorOfOnePointThree)
             EXPECT_EQ(beam.cell("larger"), "mesh");
             EXPECT_NE(beam.cell("advice").find("mesh/ratio"), std::string::npos);
         }
+}
+
+// A bar hangs by its end. With nu 0, the stress P follows from the weight below. P is E (s - 1) for the corotational
+// law, and E / 2 (s - 1 / s) for the neo-Hookean law. With p = P / E, the stretch s is 1 + p, or p + sqrt(p^2 + 1).
+TEST(Truth, BothLawsDifferAsTheirStretchesOfAHangingBar)
+{
+    const int steps = 1000;
+    const double length = 0.1, young = 20e3, weight = 1070 * 100 * length / young; // P / E at the upper end
+    double off = 0;
+    for (int s = 0; s < steps; s++) {
+        const double p = weight * (s + 0.5) / steps;
+        off += (p + std::sqrt(p * p + 1) - (1 + p)) * length / steps;
+    }
+    for (pliant_elasticity law : {PLIANT_ELASTICITY_COROTATIONAL, PLIANT_ELASTICITY_NEO_HOOKEAN}) {
+        ReportedBeam beam(PLIANT_LINEAR, 0, 3);
+        beam.table.materials[0].young_modulus = young;
+        beam.scene.element.law = law;
+        beam.scene.model.gravity[1] = 0;
+        beam.scene.model.gravity[2] = 100; // it is fixed at z = 0
+        pliant_truth worst;
+        ASSERT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_OK)
+            << pliant_last_error();
+        std::printf("laws apart by %.4f mm, exact %.4f mm\n", 1e3 * worst.laws.max, 1e3 * off);
+        EXPECT_NEAR(worst.laws.max, off, 0.01 * off);
+        ASSERT_EQ(pliant_results_rows(beam.tables.truth), 2u);
+        const bool is_neo_hookean = law == PLIANT_ELASTICITY_NEO_HOOKEAN;
+        EXPECT_EQ(beam.cell("law"), is_neo_hookean ? "neo_hookean" : "corotational") << "the scene's law first";
+        EXPECT_EQ(beam.cell("law", 1), is_neo_hookean ? "corotational" : "neo_hookean");
+        EXPECT_EQ(beam.cell("law_distance_max_mm"), "");
+        EXPECT_NEAR(std::stod(beam.cell("law_distance_max_mm", 1)), 1e3 * worst.laws.max, 1e-4 * 1e3 * worst.laws.max);
+    }
+}
+
+TEST(Truth, HexahedraAndCoarseMethodsHaveOneLaw)
+{
+    for (bool is_coarse : {false, true}) {
+        ReportedBeam beam(is_coarse ? PLIANT_LINEAR : PLIANT_HEXAHEDRA, 0.45, 3);
+        if (is_coarse) {
+            beam.scene.model.method = PLIANT_AVERAGED;
+            beam.cells(2, 2, 6, 2);
+        }
+        pliant_truth worst;
+        ASSERT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_OK)
+            << pliant_last_error();
+        EXPECT_EQ(pliant_results_rows(beam.tables.truth), 1u);
+        EXPECT_EQ(beam.cell("law"), "corotational");
+        EXPECT_EQ(worst.laws.max, 0);
+    }
 }
 
 TEST(Truth, ReportsALargerSolverError)

@@ -160,17 +160,19 @@ typedef struct pliant_truth {
     pliant_error mesh;   /**< the scene's fine mesh, solved tightly, against the extrapolation */
     pliant_error solver; /**< the scene's method and iterations, against the same mesh solved tightly */
     double order;        /**< observed order of convergence */
+    pliant_error laws; /**< the other element/law, extrapolated, against the scene's; zero: no other law is possible */
 } pliant_truth;
 
 /** Estimate the error of a mesh by Richardson's extrapolation over three meshes. They are the scene's
  *  mesh and finer meshes with up to sweep->max_refined_tets tetrahedra, or else coarser meshes. Loads are the
  *  sweep's pulls by displacement and force, and the scene's gravity. Each row gives the errors of mesh and solver, the
- *  larger one, and the options that reduce it.
+ *  larger one, and the options that reduce it. Linear tetrahedra of the fine mesh on a CPU can have two laws
+ *  (element/law). Then more rows contain the same for the law that is not the scene's, and the distance between both.
  *  @param input    The scene with its inputs.
  *  @param sweep    Points and loads.
  *  @param tables   Nullable, in/out: truth gets rows.
  *  @param progress Callback; it can cancel the call.
- *  @param worst    Out: the case with the largest error of the mesh.
+ *  @param worst    Out: the case with the largest error of the mesh, of the scene's law; the largest distance of laws.
  *  @return Errors: SCENE (explicit dynamics, an octree, or no three meshes), MEMORY, CANCELLED, FILE. */
 PLIANT_API pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sweep *sweep,
                                           pliant_report_tables *tables, pliant_progress progress, pliant_truth *worst);

@@ -128,6 +128,7 @@ static const char *const dynamics_columns[] = {"setup",
 static const char *const truth_columns[] = {"setup",
                                             "case",
                                             "point",
+                                            "law",
                                             "status",
                                             "message",
                                             "fine_tetrahedra",
@@ -144,6 +145,9 @@ static const char *const truth_columns[] = {"setup",
                                             "solver_p95_percent",
                                             "larger",
                                             "mesh_p95_percent_refined",
+                                            "law_distance_max_mm",
+                                            "law_distance_p95_mm",
+                                            "law_distance_p95_percent",
                                             "advice"};
 
 static const char *const validation_columns[] = {"setup",  "body",    "state",     "status",       "message",
@@ -171,7 +175,7 @@ static const struct {
     {"builds", COLUMNS(build_columns), MODEL_KEYS},   {"histogram", COLUMNS(histogram_columns), RUN_KEYS + 1},
     {"slices", COLUMNS(slice_columns), RUN_KEYS + 1}, {"stages", COLUMNS(stage_columns), 2},
     {"stability", COLUMNS(stability_columns), 4},     {"choice", COLUMNS(choice_columns), 1},
-    {"dynamics", COLUMNS(dynamics_columns), 1},       {"truth", COLUMNS(truth_columns), 3},
+    {"dynamics", COLUMNS(dynamics_columns), 1},       {"truth", COLUMNS(truth_columns), 4},
     {"validation", COLUMNS(validation_columns), 3},
 };
 

@@ -11,6 +11,11 @@
 #include <string.h>
 
 enum { LEVELS = 3, RAMP = 4 /* frames in which the load grows */ };
+static const char *const law_names[] = {
+#define LAW_NAME(value, name) #name,
+    PLIANT_ELASTICITY_LIST(LAW_NAME)
+#undef LAW_NAME
+};
 static const double theory = 2; /* order of displacements for linear elements and smooth solutions */
 
 /* Three meshes of one scene, each with twice the resolution of the previous one. */
@@ -149,7 +154,57 @@ static pliant_status solve(const pliant_model *model, const report_case *load, r
 
 static double percent(double part, double whole) { return whole > 0 ? 100 * part / whole : 0; }
 
-static void write_result_row(const ladder *all, const pliant_truth *truth, report_row *row)
+/* The simulations of one law: three meshes, and the requested method and iterations. */
+typedef struct law_run {
+    pliant_scene scene;
+    ladder all;
+    pliant_model *requested;
+    pliant_points points; /* points of the requested model */
+    double *now;          /* (count x 3) */
+} law_run;
+
+/* Extrapolated positions of each case: (count x 3). */
+typedef struct law_result { double *at[MAX_CASES]; } law_result;
+
+static void law_run_free(law_run *run)
+{
+    pliant_free(run->now);
+    pliant_points_free(&run->points);
+    pliant_model_free(run->requested);
+    ladder_free(&run->all);
+}
+
+static pliant_status law_run_create(const sweep_ground *ground, pliant_elasticity law, pliant_progress progress,
+                                    law_run *run, law_result *result)
+{
+    pliant_report_input input = *ground->input;
+    run->scene = *input.scene;
+    run->scene.element.law = law;
+    input.scene = &run->scene;
+    pliant_status status = ladder_create(&input, ground->sweep, progress, &run->all);
+    const size_t count = (size_t)run->all.count;
+    if (status >= 0) status = build(&input, &run->scene, progress, &run->requested);
+    if (status >= 0)
+        status = pliant_points_create(&run->requested->body->fine, run->all.count, run->all.rest, &run->points);
+    bool is_complete = status < 0 || (run->now = pliant_calloc(count, 3 * sizeof *run->now));
+    for (int c = 0; status >= 0 && is_complete && c < ground->num_cases; c++)
+        is_complete = (result->at[c] = pliant_calloc(count, 3 * sizeof **result->at)) != NULL;
+    return is_complete ? status : pliant_fail_memory("the error of the mesh");
+}
+
+/* List the laws that a scene's elements can have, the scene's own law first. Return their number. */
+static int list_laws(const pliant_scene *scene, pliant_elasticity law[2])
+{
+    law[0] = scene->element.law;
+    law[1] = law[0] == PLIANT_ELASTICITY_COROTATIONAL ? PLIANT_ELASTICITY_NEO_HOOKEAN : PLIANT_ELASTICITY_COROTATIONAL;
+    return scene->model.method == PLIANT_FINE && pliant_scene_element_kind(scene, NULL) == PLIANT_LINEAR &&
+                   scene->solver.backend != PLIANT_CUDA
+               ? 2
+               : 1;
+}
+
+/* Append the results of a case after its key. is_other: of the law that is not the scene's */
+static void write_result_row(const ladder *all, const pliant_truth *truth, bool is_other, report_row *row)
 {
     char tets[96];
     const double mesh = percent(truth->mesh.p95, truth->mesh.largest),
@@ -173,6 +228,9 @@ static void write_result_row(const ladder *all, const pliant_truth *truth, repor
     row_number(row, solver);
     row_text(row, mesh >= solver ? "mesh" : "solver");
     row_number(row, halved);
+    row_number(row, is_other ? 1e3 * truth->laws.max : NAN);
+    row_number(row, is_other ? 1e3 * truth->laws.p95 : NAN);
+    row_number(row, is_other ? percent(truth->laws.p95, truth->laws.largest) : NAN);
     row_text(row,
              mesh < solver
                  ? "model/method and solver/iterations pay: the mesh is finer than they use"
@@ -180,13 +238,14 @@ static void write_result_row(const ladder *all, const pliant_truth *truth, repor
 }
 
 /* Measure the errors of the mesh and of the solver in one case.
- * @param now, true_at (points x 3) work arrays */
-static pliant_status measure_case(sweep_ground *ground, int c, const ladder *all, const pliant_model *requested,
-                                  const pliant_points *points, int32_t frames, pliant_progress progress, double *now,
-                                  double *true_at, pliant_truth *out)
+ * @param converged out: (count x 3)
+ * @param is_first the law whose force on the tool is the load of the case that pulls by a force */
+static pliant_status measure_case(sweep_ground *ground, int c, bool is_first, int32_t frames, pliant_progress progress,
+                                  law_run *run, double *converged, pliant_truth *out)
 {
     const pliant_scene *scene = ground->input->scene;
     const double tolerance = ground->sweep->reference_tolerance;
+    ladder *all = &run->all;
     report_case load = ground->cases[c];
     pliant_status status = PLIANT_OK;
     const report_limits iterates_to_tolerance = {
@@ -195,29 +254,62 @@ static pliant_status measure_case(sweep_ground *ground, int c, const ladder *all
         .iterations = scene->solver.iterations, .tolerance = scene->solver.tolerance, .progress = progress};
     for (int n = 0; status >= 0 && n < LEVELS; n++) { /* its own mesh first, which determines the forces */
         const int l = n == 0 ? all->own : n <= all->own ? n - 1 : n;
-        const bool measures = l == all->own && load.kind == CASE_displacement && c + 1 < ground->num_cases;
+        const bool measures = is_first && l == all->own && load.kind == CASE_displacement && c + 1 < ground->num_cases;
         status = solve(all->model[l], &load, iterates_to_tolerance, &all->points[l], all->at[l],
                        measures ? ground->cases[c + 1].force : NULL);
     }
     load.frames = frames;
-    if (status >= 0) status = solve(requested, &load, own, points, now, NULL);
+    if (status >= 0) status = solve(run->requested, &load, own, &run->points, run->now, NULL);
     if (status < 0) return status;
-    out->order = pliant_extrapolate(all->count, all->use, all->at[0], all->at[1], all->at[2], true_at);
-    status = pliant_error_between(all->count, all->use, all->rest, true_at, all->at[all->own], &out->mesh);
-    return status < 0 ? status
-                      : pliant_error_between(all->count, all->use, all->rest, all->at[all->own], now, &out->solver);
+    out->order = pliant_extrapolate(all->count, all->use, all->at[0], all->at[1], all->at[2], converged);
+    status = pliant_error_between(all->count, all->use, all->rest, converged, all->at[all->own], &out->mesh);
+    return status < 0
+               ? status
+               : pliant_error_between(all->count, all->use, all->rest, all->at[all->own], run->now, &out->solver);
+}
+
+static bool is_larger(const pliant_error *a, const pliant_error *b)
+{
+    return a->p95 / fmax(a->largest, 1e-12) >= b->p95 / fmax(b->largest, 1e-12);
+}
+
+/* Measure all cases of a law, and write their rows.
+ * @param first Nullable: the result of the scene's own law, which this law is compared with */
+static pliant_status measure_law(sweep_ground *ground, const char *setup, int32_t frames, pliant_progress progress,
+                                 law_run *run, const law_result *first, law_result *result, pliant_truth *worst)
+{
+    pliant_status status = PLIANT_OK;
+    pliant_report_tables *tables = ground->tables;
+    for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
+        report_row row;
+        pliant_truth truth = {.order = 0};
+        status = measure_case(ground, c, !first, frames, progress, run, result->at[c], &truth);
+        if (status >= 0 && first)
+            status = pliant_error_between(run->all.count, run->all.use, run->all.rest, first->at[c], result->at[c],
+                                          &truth.laws);
+        if (status < 0) break;
+        row_clear(&row);
+        row_text(&row, setup);
+        row_text(&row, report_case_name(ground->cases[c].kind));
+        row_text(&row, ground->point_names[c]);
+        row_text(&row, law_names[run->scene.element.law]);
+        const bool known = tables && row_is_stored(&row, tables->truth);
+        write_result_row(&run->all, &truth, first, &row);
+        if (tables && !known) status = row_add(&row, tables->truth);
+        if (first && is_larger(&truth.laws, &worst->laws)) worst->laws = truth.laws;
+        if (!first && is_larger(&truth.mesh, &worst->mesh)) *worst = truth;
+    }
+    return status;
 }
 
 pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sweep *sweep,
                                pliant_report_tables *tables, pliant_progress progress, pliant_truth *worst)
 {
     char setup[9];
-    ladder all = {.count = 0};
     pliant_sweep ours = *sweep;
+    pliant_elasticity law[2];
+    law_result result[2] = {{.at = {NULL}}};
     sweep_ground *ground = pliant_calloc(1, sizeof *ground);
-    pliant_model *requested = NULL;
-    pliant_points points = {0};
-    double *now = NULL, *true_at = NULL;
     *worst = (pliant_truth){.order = 0};
     if (!ground) return pliant_fail_memory("the error of the mesh");
     pliant_status status =
@@ -230,37 +322,20 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
     ours.frames = RAMP;
     ground->input = input;
     ground->sweep = &ours;
+    ground->tables = tables;
     sweep_list_cases(ground);
     pliant_report_setup(input, sweep, setup);
-    if (status >= 0) status = ladder_create(input, sweep, progress, &all);
-    if (status >= 0) status = build(input, input->scene, progress, &requested);
-    if (status >= 0) status = pliant_points_create(&requested->body->fine, all.count, all.rest, &points);
-    if (status >= 0) {
-        now = pliant_calloc((size_t)all.count, 3 * sizeof *now);
-        true_at = pliant_calloc((size_t)all.count, 3 * sizeof *true_at);
-        if (!now || !true_at) status = pliant_fail_memory("the error of the mesh");
+    const int num_laws = list_laws(input->scene, law);
+    for (int l = 0; status >= 0 && l < num_laws; l++) {
+        law_run run = {.now = NULL};
+        status = law_run_create(ground, law[l], progress, &run, result + l);
+        if (status >= 0)
+            status =
+                measure_law(ground, setup, sweep->frames, progress, &run, l > 0 ? result : NULL, result + l, worst);
+        law_run_free(&run);
     }
-    for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
-        report_row row;
-        pliant_truth truth = {.order = 0};
-        status =
-            measure_case(ground, c, &all, requested, &points, sweep->frames, progress, now, true_at, &truth);
-        if (status < 0) break;
-        row_clear(&row);
-        row_text(&row, setup);
-        row_text(&row, report_case_name(ground->cases[c].kind));
-        row_text(&row, ground->point_names[c]);
-        const bool known = tables && row_is_stored(&row, tables->truth);
-        write_result_row(&all, &truth, &row);
-        if (tables && !known) status = row_add(&row, tables->truth);
-        if (truth.mesh.p95 / fmax(truth.mesh.largest, 1e-12) >= worst->mesh.p95 / fmax(worst->mesh.largest, 1e-12))
-            *worst = truth;
-    }
-    pliant_free(now);
-    pliant_free(true_at);
-    pliant_points_free(&points);
-    pliant_model_free(requested);
-    ladder_free(&all);
+    for (int l = 0; l < num_laws; l++)
+        for (int c = 0; c < MAX_CASES; c++) pliant_free(result[l].at[c]);
     pliant_free(ground);
     return status;
 }

@@ -1,12 +1,13 @@
 // Contact force of rigid tools on coarse cells, and its estimated error, against references.
 //
 // A tool is pressed into a block of 10 kPa and nu 0.45, whose bottom is fixed. References of spheres and punches are
-// the axisymmetric solutions of test/reference/indentation.py, without friction. The forces of the cylinder and of an
-// instrument's jaw have no reference: compare their values for smaller and smaller cells. The force is the mean of the
-// last two steps, because contact points of some hexahedra alternate between steps.
+// the axisymmetric solutions of test/reference/indentation.py with the same law, without friction. The forces of the
+// cylinder and of an instrument's jaw have no reference: compare their values for smaller and smaller cells. The force
+// is the mean of the last two steps, because contact points of some hexahedra alternate between steps.
 //
 // Usage:
-//   bench_force [element/kind [cell ...] [tool ...]]     cells in mm; default: linear 10 5 2.5, all tools
+//   bench_force [element/kind] [element/law] [cell ...] [tool ...]     cells in mm; default: linear corotational
+//                                                                      10 5 2.5, all tools
 //   bench_force calibrate     other tools on another block; fit the constants of src/sim/api/contact_error.c
 #include "../pipeline/body.h"
 #include "../solids.h"
@@ -45,7 +46,7 @@ pliant_part rod(double radius, double half)
 
 struct PressedBlock : Body {
     double edge;
-    PressedBlock(double edge, double cell, pliant_element_kind kind, double friction)
+    PressedBlock(double edge, double cell, pliant_element_kind kind, pliant_elasticity law, double friction)
         : Body(std::vector<int>{int(edge / cell + 0.5), int(edge / cell + 0.5), int(height / cell + 0.5)}.data(),
                std::vector<double>{edge, edge, height}.data(), {{10e3, 0.45, 1000, false}}),
           edge(edge)
@@ -54,6 +55,7 @@ struct PressedBlock : Body {
         const int n = int(edge / cell + 0.5);
         cells(n, n, int(height / cell + 0.5), 1);
         scene.element.kind = kind;
+        scene.element.law = law;
         scene.contact.friction = friction;
         scene.solver.iterations = 60;
         scene.solver.tolerance = 1e-5;
@@ -151,11 +153,13 @@ void measure(PressedBlock &block, const Tool &tool, const char *label, Errors &a
     std::fflush(stdout);
 }
 
-std::vector<Tool> table()
+std::vector<Tool> table(pliant_elasticity law)
 {
     std::vector<Tool> out;
-    const double depth[3] = {0.002, 0.004, 0.008}, force[3] = {0.2134, 0.5964, 1.6094};
-    const double deep[2] = {0.001, 0.003}, hard[2] = {0.462, 1.314};
+    const double depth[3] = {0.002, 0.004, 0.008}, deep[2] = {0.001, 0.003};
+    const double forces[2][3] = {{0.2134, 0.5964, 1.6094}, {0.2279, 0.6628, 1.9286}}, // corotational, neo-Hookean
+        punches[2][2] = {{0.462, 1.314}, {0.476, 1.434}};
+    const double *force = forces[law], *hard = punches[law];
     const pliant_part ball = sphere(0.02), flat = punch(0.015), cylinder = rod(0.01, 0.03);
     for (int d = 0; d < 3; d++) out.push_back({"sphere", ball, depth[d], force[d], 0, 0});
     for (int d = 0; d < 3; d++) out.push_back({"sphere aside", ball, depth[d], force[d], 0.0047, 0.0021});
@@ -182,7 +186,8 @@ void calibrate()
                           {"punch 25", wide, 0.001, 0.9418, 0, 0},    {"punch 25", wide, 0.004, 3.5349, 0, 0}};
     Errors all;
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
-        PressedBlock smooth(0.14, 0.01, kind, 0), rough(0.14, 0.01, kind, 0.3);
+        PressedBlock smooth(0.14, 0.01, kind, PLIANT_ELASTICITY_COROTATIONAL, 0),
+            rough(0.14, 0.01, kind, PLIANT_ELASTICITY_COROTATIONAL, 0.3);
         Errors errors;
         for (const Tool &tool : tools)
             for (int n = 0; n < 6; n++) {
@@ -201,22 +206,24 @@ void calibrate()
 int main(int argc, char **argv)
 {
     if (argc > 1 && std::string(argv[1]) == "calibrate") return calibrate(), 0;
-    const pliant_element_kind kind = argc > 1 && std::string(argv[1]) == "hexahedra" ? PLIANT_HEXAHEDRA : PLIANT_LINEAR;
+    pliant_element_kind kind = PLIANT_LINEAR;
+    pliant_elasticity law = PLIANT_ELASTICITY_COROTATIONAL;
     std::vector<double> cells;
     std::vector<std::string> only;
-    for (int a = 2; a < argc; a++) {
-        if (std::atof(argv[a]) > 0)
-            cells.push_back(1e-3 * std::atof(argv[a]));
-        else
-            only.push_back(argv[a]);
+    for (int a = 1; a < argc; a++) {
+        const std::string word = argv[a];
+        if (std::atof(argv[a]) > 0) cells.push_back(1e-3 * std::atof(argv[a]));
+        else if (word == "hexahedra") kind = PLIANT_HEXAHEDRA;
+        else if (word == "neo_hookean") law = PLIANT_ELASTICITY_NEO_HOOKEAN;
+        else if (word != "linear" && word != "corotational") only.push_back(word);
     }
     if (cells.empty()) cells = {0.01, 0.005, 0.0025};
-    const std::vector<Tool> tools = table();
+    const std::vector<Tool> tools = table(law);
     Errors all;
     for (double cell : cells) {
         Errors errors;
         for (double friction : {0.0, 0.3}) {
-            PressedBlock block(0.12, cell, kind, friction);
+            PressedBlock block(0.12, cell, kind, law, friction);
             char label[60];
             std::snprintf(label, sizeof label, "cell %.2f mm, friction %.1f", 1e3 * cell, friction);
             for (const Tool &tool : tools)

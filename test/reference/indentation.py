@@ -1,11 +1,14 @@
-"""Reference forces of bench_force: axisymmetric finite elements with the corotational law, independent of Pliant.
+"""Reference forces of bench_force: axisymmetric finite elements with one of two laws, independent of Pliant.
 
 A rigid indenter presses a cylinder of tissue whose bottom is fixed, without friction. Elements are quadrilaterals with
-nine nodes, graded towards the contact. The law is W = mu |F - R|^2 + lambda / 2 (tr(R'F) - 3)^2. Points on the surface
-get a penalty force, which is stiff enough that the penetration is below a thousandth of the depth.
+nine nodes, graded towards the contact. Points on the surface get a penalty force, which is stiff enough that the
+penetration is below a thousandth of the depth. The laws are
 
-usage: python3 indentation.py [calibration] [element ...]     calibration: tools and block of bench_force calibrate;
-    sizes of the smallest elements [m]; default: 1e-3 5e-4
+    corotational: W = mu |F - R|^2 + lambda / 2 (tr(R'F) - 3)^2
+    neo_hookean:  W = mu / 2 (|F|^2 - 3) - mu ln J + lambda / 2 (J - 1)^2     (equation 10 of [C])
+
+usage: python3 indentation.py [neo_hookean] [calibration] [element ...]     calibration: tools and block of
+    bench_force calibrate; sizes of the smallest elements [m]; default: the corotational law, 1e-3 5e-4
 """
 import sys
 
@@ -29,6 +32,36 @@ def spaced(length, smallest, growth):
         at.append(at[-1] + step)
         step *= growth
     return np.array(at) * length / at[-1]
+
+
+def corotational(flat, mu, lam):
+    """Return stress and moduli of deformation gradients (elements x 5): in the plane by rows, and the hoop stretch."""
+    p, q, s = flat[:, 0] + flat[:, 3], flat[:, 2] - flat[:, 1], flat[:, 4]
+    t = np.hypot(p, q)
+    both, ortho = np.zeros(flat.shape), np.zeros(flat.shape)  # R, and the gradient of t, turned by 90 degrees
+    both[:, 0] = both[:, 3] = p / t
+    both[:, 2], both[:, 1], both[:, 4] = q / t, -q / t, 1
+    ortho[:, 0] = ortho[:, 3] = -q / t
+    ortho[:, 2], ortho[:, 1] = p / t, -p / t
+    tension = lam * (t + s - 3)
+    stress = 2 * mu * (flat - both) + tension[:, None] * both
+    return stress, (2 * mu * np.eye(5) + lam * np.einsum("ei,ej->eij", both, both) +
+                    ((tension - 2 * mu) / t)[:, None, None] * np.einsum("ei,ej->eij", ortho, ortho))
+
+
+def neo_hookean(flat, mu, lam):
+    """As corotational."""
+    a, b, c, d, s = flat.T
+    det = a * d - b * c
+    volume = det * s
+    slope = np.stack([d * s, -c * s, -b * s, a * s, det], 1)  # of the volume
+    bend = np.zeros((len(flat), 5, 5))  # second derivative of the volume
+    for i, j, value in ((0, 3, s), (1, 2, -s), (0, 4, d), (1, 4, -c), (2, 4, -b), (3, 4, a)):
+        bend[:, i, j] = bend[:, j, i] = value
+    pressure = lam * (volume - 1) - mu / volume
+    return mu * flat + pressure[:, None] * slope, (
+        mu * np.eye(5) + (lam + mu / volume**2)[:, None, None] * np.einsum("ei,ej->eij", slope, slope) +
+        pressure[:, None, None] * bend)
 
 
 class Cylinder:
@@ -64,7 +97,7 @@ class Cylinder:
                 r0 = at[:, :, 0] @ n
                 self.points.append((n, grad, r0, 2 * np.pi * r0 * det * wx * wy))
 
-    def elastic(self, x, mu, lam):
+    def elastic(self, x, law, mu, lam):
         """Return the forces, and the stiffness as a matrix."""
         force, rows, cols, values = np.zeros(x.size), [], [], []
         dof = (2 * self.element[:, :, None] + np.arange(2)).reshape(len(self.element), -1)
@@ -72,22 +105,7 @@ class Cylinder:
         for n, grad, r0, weight in self.points:
             f = np.einsum("eki,ekj->eij", at, grad)
             s = (at[:, :, 0] @ n) / r0
-            p, q = f[:, 0, 0] + f[:, 1, 1], f[:, 1, 0] - f[:, 0, 1]
-            t = np.hypot(p, q)
-            one = np.zeros((len(s), 5))
-            one[:, 0] = one[:, 3] = p / t
-            one[:, 2], one[:, 1] = q / t, -q / t
-            hoop = np.zeros(5)
-            hoop[4] = 1
-            flat = np.concatenate([f.reshape(-1, 4), s[:, None]], 1)
-            tension = lam * (t + s - 3)
-            stress = 2 * mu * (flat - one - hoop) + tension[:, None] * (one + hoop)
-            ortho = np.zeros((len(s), 5))  # the gradient of t, turned by 90 degrees
-            ortho[:, 0] = ortho[:, 3] = -q / t
-            ortho[:, 2], ortho[:, 1] = p / t, -p / t
-            both = one + hoop
-            moduli = (2 * mu * np.eye(5) + lam * np.einsum("ei,ej->eij", both, both) +
-                      ((tension - 2 * mu) / t)[:, None, None] * np.einsum("ei,ej->eij", ortho, ortho))
+            stress, moduli = law(np.concatenate([f.reshape(-1, 4), s[:, None]], 1), mu, lam)
             b = np.zeros((len(s), 5, 18))
             b[:, 0, 0::2] = b[:, 2, 1::2] = grad[:, :, 0]
             b[:, 1, 0::2] = b[:, 3, 1::2] = grad[:, :, 1]
@@ -150,20 +168,21 @@ def punch(radius, depth, border=1e-4):
     return gap
 
 
-def press(mesh, indenter, depths, steps=2):
-    """Return the force at each depth."""
+def press(mesh, law, indenter, depths, increment=2.5e-4):
+    """Return the force at each depth. The depth grows by the increment, and an iteration moves nodes by it at most, so
+    that no element inverts on the way."""
     mu, lam = YOUNG / 2 / (1 + POISSON), YOUNG * POISSON / (1 + POISSON) / (1 - 2 * POISSON)
     x, out, before = mesh.rest.ravel().copy(), [], 0.0
     for depth in depths:
-        for d in np.linspace(before, depth, steps + 1)[1:]:
+        for d in np.linspace(before, depth, int(np.ceil((depth - before) / increment - 1e-6)) + 1)[1:]:
             for _ in range(60):
-                inside, k = mesh.elastic(x, mu, lam)
+                inside, k = mesh.elastic(x, law, mu, lam)
                 outside, total, kc = mesh.contact(x, indenter(d), 3e8)
                 residual = (outside - inside)[mesh.free]
                 if np.linalg.norm(residual) < 1e-7 * max(np.linalg.norm(outside), 1e-9):
                     break
                 step = spl.spsolve((k + kc)[mesh.free][:, mesh.free].tocsc(), residual)
-                x[mesh.free] += step * min(1, 1e-3 / np.abs(step).max())
+                x[mesh.free] += step * min(1, increment / np.abs(step).max())
             else:
                 raise SystemExit(f"not converged at a depth of {d} m")
         out.append(total)
@@ -179,10 +198,11 @@ CALIBRATION = [(sphere, 0.012, [0.0015, 0.003, 0.005]), (sphere, 0.035, [0.002, 
 
 if __name__ == "__main__":
     size, height, tools = (0.0790, 0.06, CALIBRATION) if "calibration" in sys.argv else (0.0677, 0.06, TABLE)
-    for smallest in [float(a) for a in sys.argv[1:] if a != "calibration"] or [1e-3, 5e-4]:
+    law = neo_hookean if "neo_hookean" in sys.argv else corotational
+    for smallest in [float(a) for a in sys.argv[1:] if a[0].isdigit()] or [1e-3, 5e-4]:
         for indenter, radius, depths in tools:
             mesh = Cylinder(size, height, smallest, 0.03 if radius > 0.02 else 0.018)
-            print(f"elements of {1e3 * smallest:g} mm, {len(mesh.rest)} nodes", flush=True)
-            forces = press(mesh, lambda d: indenter(radius, d), depths, 2 if indenter is sphere else 6)
+            print(f"{law.__name__}, elements of {1e3 * smallest:g} mm, {len(mesh.rest)} nodes", flush=True)
+            forces = press(mesh, law, lambda d: indenter(radius, d), depths)
             print(f"  {indenter.__name__} of {1e3 * radius:g} mm:",
                   *(f"{1e3 * d:g} mm {-f:.4f} N," for d, f in zip(depths, forces)), flush=True)
