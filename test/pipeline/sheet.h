@@ -117,13 +117,13 @@ struct Sheet : Body {
         }
         return count;
     }
-    // Return whether a tool with its tip at this position would intersect one of the two fixed sides.
-    bool intersects_fixed_side(int index, const double tip[3]) const
+    // Return whether a tool at this pose would intersect one of the two fixed sides.
+    bool intersects_fixed_side(int index, const double tip[3], const double rotation[4]) const
     {
         const pliant_tool &tool = data->tools[index];
         const pliant_body *body = data->body;
         pliant_pose pose;
-        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tip, tool.rotation, 0, &pose);
+        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tip, rotation, 0, &pose);
         for (int32_t t = 0; t < body->num_triangles; t++) {
             const int32_t *node = body->triangles + 3 * t;
             double corner[3][3], weight[3], normal[3];

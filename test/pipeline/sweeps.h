@@ -3,8 +3,10 @@
 #define PLIANT_TEST_SWEEPS_H
 
 #include "sheet.h"
+#include "base/rotate.h"
 #include "solids.h"
 
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
@@ -32,12 +34,19 @@ struct SweepPath {
     pliant_part part;
     double from[3], motion[3], rotation[4], friction;
     double beyond; // distance of its end beyond the sheet's middle [m]
-    double speed = 1; // maximum speed [m/s]
+    double speed = 1; // maximum speed of the tip [m/s]
+    double turn[3] = {0, 0, 0}; // rotation vector of the whole path [rad]
     double stride() const { return 0.02 * speed; }
-    int steps() const
+    int steps() const { return std::max(1, static_cast<int>(std::ceil(pliant_length3(motion) / stride()))); }
+    // Return the rotation at a fraction of the path.
+    std::array<double, 4> rotation_at(double fraction) const
     {
-        return static_cast<int>(
-            std::ceil(std::sqrt(motion[0] * motion[0] + motion[1] * motion[1] + motion[2] * motion[2]) / stride()));
+        const double angle = pliant_length3(turn);
+        if (angle == 0) return {rotation[0], rotation[1], rotation[2], rotation[3]};
+        const double half = 0.5 * fraction * angle, by = std::sin(half) / angle, w = std::cos(half),
+                     x = by * turn[0], y = by * turn[1], z = by * turn[2], *const q = rotation;
+        return {w * q[0] + x * q[3] + y * q[2] - z * q[1], w * q[1] - x * q[2] + y * q[3] + z * q[0],
+                w * q[2] + x * q[1] - y * q[0] + z * q[3], w * q[3] - x * q[0] - y * q[1] - z * q[2]};
     }
 };
 
@@ -55,7 +64,7 @@ inline void move(Sheet &sheet, int tool, const SweepPath &on, int step)
 {
     const double fraction = std::min(1.0, static_cast<double>(step) / on.steps());
     sheet.move(tool, on.from[0] + fraction * on.motion[0], on.from[1] + fraction * on.motion[1],
-               on.from[2] + fraction * on.motion[2], on.rotation);
+               on.from[2] + fraction * on.motion[2], on.rotation_at(fraction).data());
 }
 
 inline pliant_tool_shape shape_of(const pliant_part &part)
@@ -70,13 +79,14 @@ inline pliant_tool_shape shape_of(const pliant_part &part)
 // poses of two steps.
 inline bool path_crosses_fixed_side(const Sheet &sheet, int tool, const SweepPath &on, int step)
 {
-    const int poses = static_cast<int>(std::ceil(on.stride() / (0.25 * pliant_part_depth(&on.part))));
+    const double reach = 0.025; // of a tool that turns, see next_that_turns [m]
+    const double motion = on.stride() + reach * pliant_length3(on.turn) / on.steps();
+    const int poses = static_cast<int>(std::ceil(motion / (0.25 * pliant_part_depth(&on.part))));
     for (int n = 0; n <= poses; n++) {
+        const double fraction = std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps());
         double tip[3];
-        for (int d = 0; d < 3; d++)
-            tip[d] = on.from[d] + std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps()) *
-                                      on.motion[d];
-        if (sheet.intersects_fixed_side(tool, tip)) return true;
+        for (int d = 0; d < 3; d++) tip[d] = on.from[d] + fraction * on.motion[d];
+        if (sheet.intersects_fixed_side(tool, tip, on.rotation_at(fraction).data())) return true;
     }
     return false;
 }
@@ -210,6 +220,36 @@ public:
         out.friction = random(0.05, 0.4);
         return out;
     }
+    // Return a random sweep at 1 to 2 m/s of a tool of 20 mm that turns by up to 3 rad on its way.
+    SweepPath next_that_turns()
+    {
+        const pliant_part parts[] = {
+            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.02}, 0.0005, false},
+            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.02}, 0.0042, false},
+            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.01, 0}, {0, 0.01, 0}, 0.0005, false},
+            {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0.02}, {0, 0, 0.02}, 0.002, false},
+            {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.0005, 0}, {0.01, 0.0005, 0.02}, 0, false},
+            {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[0]},
+            {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[1]},
+        };
+        const double side = random(0, 1) < 0.5 ? -1 : 1, tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI),
+                     half = 0.5 * (side > 0 ? tilt : M_PI - tilt), gap = random(0.001, 0.012);
+        SweepPath out = {parts[number++ % 7],
+                         {random(0.025, 0.035), random(0.025, 0.035), 0},
+                         {random(-0.005, 0.005), random(-0.005, 0.005), 0},
+                         {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0, std::cos(half)},
+                         random(0.05, 0.4),
+                         random(0.004, 0.024),
+                         random(1, 2)};
+        // the axis is uniform on the sphere
+        const double angle = random(0, 3), along = random(-1, 1), azimuth = random(0, 2 * M_PI);
+        out.turn[0] = angle * std::sqrt(1 - along * along) * std::cos(azimuth);
+        out.turn[1] = angle * std::sqrt(1 - along * along) * std::sin(azimuth);
+        out.turn[2] = angle * along;
+        out.from[2] = 0.002 + side * (0.002 + gap + depth_below_tip(out, 0, side));
+        out.motion[2] = 0.002 + side * (depth_below_tip(out, 1, side) - out.beyond) - out.from[2];
+        return out;
+    }
     SweepPath at(int n)
     {
         while (number < n) next();
@@ -217,6 +257,20 @@ public:
     }
 
 private:
+    // Return the part's depth below its tip, towards the other side of the sheet, at a fraction of its path [m].
+    static double depth_below_tip(const SweepPath &on, double fraction, double side)
+    {
+        const bool is_solid = on.part.kind == PLIANT_PART_SOLID; // a rod of 20 mm, radius 0.8 mm
+        double deepest = -INFINITY;
+        for (int n = 0; n < 8; n++) {
+            const double corner[3] = {n & 1 ? on.part.to[0] : on.part.from[0], n & 2 ? on.part.to[1] : on.part.from[1],
+                                      n & 4 ? is_solid ? 0.02 : on.part.to[2] : on.part.from[2]};
+            double at[3];
+            pliant_rotate(on.rotation_at(fraction).data(), corner, at);
+            deepest = std::fmax(deepest, -side * at[2]);
+        }
+        return deepest + (is_solid ? 0.0008 : on.part.radius);
+    }
     double random(double low, double high)
     {
         return low + (high - low) * std::uniform_real_distribution<double>()(engine);
@@ -234,10 +288,10 @@ inline bool has_tunneled(const Swept &swept, const SweepPath &on)
            swept.carried < 0.5 * (on.beyond - swept.proxy_error) || !(swept.carried < 0.1);
 }
 
-// Run PLIANT_SWEEPS sweeps (default: `otherwise`) starting at PLIANT_SWEEPS_FIRST, at PLIANT_SWEEPS_SPEED m/s. Print a
-// line for each sweep that tunnels, inverts elements or ends deep in tissue, and one at the end. Sweeps into a fixed
-// side do not count. Return the number of tunneling sweeps.
-inline int count_tunneled_sweeps(int otherwise, Mode mode)
+// Run PLIANT_SWEEPS sweeps (default: `otherwise`) starting at PLIANT_SWEEPS_FIRST, at PLIANT_SWEEPS_SPEED m/s. With
+// `turns`, the tools turn, at their own speeds. Print a line for each sweep that tunnels, inverts elements or ends deep
+// in tissue, and one at the end. Sweeps into a fixed side do not count. Return the number of tunneling sweeps.
+inline int count_tunneled_sweeps(int otherwise, Mode mode, bool turns = false)
 {
     const int count = number_from("PLIANT_SWEEPS", otherwise), first = number_from("PLIANT_SWEEPS_FIRST", 0);
     EXPECT_LT(first, count) << "PLIANT_SWEEPS is the number of the last sweep";
@@ -245,9 +299,9 @@ inline int count_tunneled_sweeps(int otherwise, Mode mode)
     int through = 0, turned = 0, held = 0;
     double deepest = 0;
     for (int n = 0; n < count; n++) {
-        SweepPath on = sweeps.next();
+        SweepPath on = turns ? sweeps.next_that_turns() : sweeps.next();
         if (n < first) continue;
-        on.speed = number_from("PLIANT_SWEEPS_SPEED", 1);
+        if (!turns) on.speed = number_from("PLIANT_SWEEPS_SPEED", 1);
         const Swept swept = sweep(on, mode);
         const bool passes = has_tunneled(swept, on);
         if (passes || swept.deepest > 2e-4 || swept.turned > 0 || swept.proxy_error > 2e-4)

@@ -40,12 +40,19 @@ TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
 //   PLIANT_SWEEPS_LIVE       use live steps
 //   PLIANT_SWEEPS_SPEED      maximum speed [m/s], up to 2
 //   PLIANT_SWEEPS_HEXAHEDRA  use hexahedra instead of tetrahedra
-TEST(Swept, NothingIsSweptThroughTheSheet)
+Mode mode_from_environment()
 {
-    const Mode mode = {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)),
-                       number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED,
-                       number_from("PLIANT_SWEEPS_HEXAHEDRA", 0) ? PLIANT_HEXAHEDRA : PLIANT_LINEAR};
-    EXPECT_EQ(count_tunneled_sweeps(1000, mode), 0);
+    return {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)),
+            number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED,
+            number_from("PLIANT_SWEEPS_HEXAHEDRA", 0) ? PLIANT_HEXAHEDRA : PLIANT_LINEAR};
+}
+TEST(Swept, NothingIsSweptThroughTheSheet) { EXPECT_EQ(count_tunneled_sweeps(1000, mode_from_environment()), 0); }
+
+// The same, at 1 to 2 m/s, of tools that turn by up to 3 rad, in one step or in several. The variables are the same,
+// except PLIANT_SWEEPS_SPEED.
+TEST(Swept, NoTurningToolIsSweptThrough)
+{
+    EXPECT_EQ(count_tunneled_sweeps(40, mode_from_environment(), true), 0);
 }
 
 std::array<double, 3> at_end(const SweepPath &on)
