@@ -65,7 +65,8 @@ struct Sheet : Body {
     pliant_status find(const pliant_moving_part *part, Found &found, int count = 1)
     {
         found.contacts.count = 0;
-        return pliant_contact_find(detector, data->body, data->positions, nullptr, false, count, part, &found.contacts);
+        return pliant_contact_find(detector, data->body, data->positions, nullptr, false, count, part, 1,
+                                   &found.contacts);
     }
     pliant_contact_detector *detector = nullptr;
 

@@ -19,8 +19,8 @@ void pliant_contact_detector_free(pliant_contact_detector *detector)
 {
     if (!detector) return;
     pliant_broad_free(&detector->broad);
-    PLIANT_FREE(detector->triangle, detector->face, detector->edge, detector->node, detector->edge_of, detector->order,
-                detector->slot, detector);
+    PLIANT_FREE(detector->triangle, detector->face, detector->edge, detector->node, detector->edge_of, detector->slot,
+                detector);
 }
 
 void pliant_contact_detector_set_finder(pliant_contact_detector *detector, const pliant_near_finder *finder)
@@ -47,16 +47,26 @@ pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts 
     return PLIANT_OK;
 }
 
+/* Slots always have a value, which may belong to another part or topology. */
+static bool reserve_slots(pliant_contact_detector *detector, int32_t nodes)
+{
+    const int32_t more = nodes - detector->num_slots;
+    if (more <= 0) return true;
+    if (!pliant_grow(&detector->slot, (size_t)nodes, sizeof *detector->slot)) return false;
+    memset(detector->slot + detector->num_slots, 0, (size_t)more * sizeof *detector->slot);
+    detector->num_slots = nodes;
+    return true;
+}
+
 pliant_status pliant_contact_detector_reserve(pliant_contact_detector *detector, const pliant_body *body)
 {
-    const size_t triangles = (size_t)detector->broad.num_near, nodes = (size_t)body->fine.num_nodes;
-    return pliant_ensure(&detector->slot, nodes, sizeof *detector->slot) &&
+    const size_t triangles = (size_t)detector->broad.num_near;
+    return reserve_slots(detector, body->fine.num_nodes) &&
                    pliant_ensure(&detector->triangle, triangles, sizeof *detector->triangle) &&
                    pliant_ensure(&detector->face, triangles, sizeof *detector->face) &&
                    pliant_ensure(&detector->edge, 3 * triangles, sizeof *detector->edge) &&
                    pliant_ensure(&detector->node, 3 * triangles, sizeof *detector->node) &&
-                   pliant_ensure(&detector->edge_of, 3 * triangles, sizeof *detector->edge_of) &&
-                   pliant_ensure(&detector->order, 3 * triangles, sizeof *detector->order)
+                   pliant_ensure(&detector->edge_of, 3 * triangles, sizeof *detector->edge_of)
                ? PLIANT_OK
                : pliant_fail_memory("contacts");
 }

@@ -9,6 +9,7 @@
 typedef struct pliant_feature {
     uint64_t key;
     int32_t count, node[3];
+    int32_t next_edge;      /* of a node: its first edge to a higher node; of an edge: the next one; -1: none */
     double outwards[3];     /* outward normal of the tissue, times twice the area of its triangles */
     double gap;             /* gap at the end of the leg if the tissue does not move [m]; INFINITY: no contact */
     bool is_in_contact;
@@ -22,17 +23,9 @@ struct pliant_contact_detector {
     int32_t *triangle;      /* triangles near a part */
     pliant_feature *face, *edge, *node;
     int32_t *edge_of;       /* (triangles x 3) index of each edge */
-    uint64_t *order;        /* (3 x triangles) */
-    int32_t *slot;          /* (fine nodes) index of the node's feature for this part */
+    int32_t num_slots, *slot; /* (num_slots) of a fine node: index of its feature, if that is of this node */
     bool has_delayed;       /* a point of the last search is delayed (part_contacts.c) */
 };
-
-/* Compare structs that begin with a key, for sorting. */
-static inline int pliant_compare_keys(const void *a, const void *b)
-{
-    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
-    return (x > y) - (x < y);
-}
 
 /* Reserve memory for the triangles near the parts. Errors: MEMORY. */
 pliant_status pliant_contact_detector_reserve(pliant_contact_detector *detector, const pliant_body *body);

@@ -2,6 +2,7 @@
  * core at the start of a leg. Therefore the nearest point of the core determines the side on which the tissue is,
  * without memory of previous legs. */
 #include "contact/detect/detector.h"
+#include "base/threads.h"
 #include "base/vector3.h"
 
 #include <math.h>
@@ -15,6 +16,7 @@ typedef struct search {
     const double *positions;
     const pliant_contacts *before;
     bool blocked;
+    int num_threads;
     const pliant_moving_part *part;
     pliant_part core;
     uint64_t part_key;
@@ -37,21 +39,6 @@ static int compare_features(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Sort keys and remove duplicates. Return the number of keys left. */
-static int32_t sort_keys(uint64_t *keys, int32_t count)
-{
-    int32_t left = 0;
-    if (count > 0) qsort(keys, (size_t)count, sizeof *keys, pliant_compare_keys);
-    for (int32_t k = 0; k < count; k++)
-        if (k == 0 || keys[k] != keys[k - 1]) keys[left++] = keys[k];
-    return left;
-}
-
-static uint64_t edge_key(int32_t a, int32_t b)
-{
-    return a < b ? key_of(AN_EDGE, (uint64_t)a, (uint64_t)b) : key_of(AN_EDGE, (uint64_t)b, (uint64_t)a);
-}
-
 static uint64_t face_key(int32_t triangle) { return key_of(A_FACE, (uint64_t)triangle, 0); }
 
 static void add(double sum[3], const double v[3])
@@ -70,39 +57,48 @@ static void cross_of(const double *at, const int32_t *nodes, double out[3])
     for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
 
+/* Return the index of a node's feature, which is added if it is new. Its slot then has any value (sparse set: Briggs
+ * and Torczon, ACM LOPLAS 2:59, 1993). */
+static int32_t node_at(search *on, int32_t node)
+{
+    pliant_contact_detector *detector = on->detector;
+    int32_t *slot = detector->slot + node;
+    if (*slot < on->nodes && detector->node[*slot].node[0] == node) return *slot;
+    detector->node[on->nodes] = (pliant_feature){
+        .key = key_of(A_NODE, (uint64_t)node, 0), .count = 1, .node = {node}, .weight = {1}, .next_edge = -1};
+    return *slot = on->nodes++;
+}
+
+/* Return the index of the edge between two nodes, which is added if it is new. Each node lists its edges to higher
+ * nodes. */
+static int32_t edge_between(search *on, int32_t a, int32_t b)
+{
+    pliant_contact_detector *detector = on->detector;
+    const int32_t low = a < b ? a : b, high = a < b ? b : a;
+    int32_t *first = &detector->node[node_at(on, low)].next_edge;
+    for (int32_t e = *first; e >= 0; e = detector->edge[e].next_edge)
+        if (detector->edge[e].node[1] == high) return e;
+    detector->edge[on->edges] = (pliant_feature){
+        .key = key_of(AN_EDGE, (uint64_t)low, (uint64_t)high), .count = 2, .node = {low, high}, .next_edge = *first};
+    return *first = on->edges++;
+}
+
+/* List the nodes, edges and triangles near the part, with their normals. */
 static void gather(search *on)
 {
     pliant_contact_detector *detector = on->detector;
-    uint64_t *order = detector->order;
-    for (int32_t t = 0; t < on->triangles; t++)
-        for (int v = 0; v < 3; v++) order[3 * t + v] = (uint64_t)on->body->triangles[3 * detector->triangle[t] + v];
-    on->nodes = sort_keys(order, 3 * on->triangles);
-    for (int32_t n = 0; n < on->nodes; n++) {
-        detector->node[n] = (pliant_feature){
-            .key = key_of(A_NODE, order[n], 0), .count = 1, .node = {(int32_t)order[n]}, .weight = {1}};
-        detector->slot[order[n]] = n;
-    }
+    on->nodes = on->edges = 0;
     for (int32_t t = 0; t < on->triangles; t++) {
-        const int32_t *nodes = on->body->triangles + 3 * detector->triangle[t];
-        detector->face[t] = (pliant_feature){
-            .key = face_key(detector->triangle[t]), .count = 3, .node = {nodes[0], nodes[1], nodes[2]}};
-        for (int v = 0; v < 3; v++) order[3 * t + v] = edge_key(nodes[v], nodes[(v + 1) % 3]);
-    }
-    on->edges = sort_keys(order, 3 * on->triangles);
-    for (int32_t e = 0; e < on->edges; e++) {
-        const uint64_t mask = ((uint64_t)1 << NODE_BITS) - 1;
-        detector->edge[e] = (pliant_feature){
-            .key = order[e], .count = 2, .node = {(int32_t)(order[e] >> NODE_BITS & mask), (int32_t)(order[e] & mask)}};
-    }
-    for (int32_t t = 0; t < on->triangles; t++) {
+        const int32_t *nodes = on->body->triangles + 3 * (size_t)detector->triangle[t];
         pliant_feature *face = detector->face + t;
-        cross_of(on->positions, face->node, face->outwards);
+        *face = (pliant_feature){
+            .key = face_key(detector->triangle[t]), .count = 3, .node = {nodes[0], nodes[1], nodes[2]}};
+        cross_of(on->positions, nodes, face->outwards);
         for (int v = 0; v < 3; v++) {
-            const uint64_t key = edge_key(face->node[v], face->node[(v + 1) % 3]);
-            const uint64_t *found = bsearch(&key, order, (size_t)on->edges, sizeof key, pliant_compare_keys);
-            detector->edge_of[3 * t + v] = (int32_t)(found - order);
-            add(detector->node[detector->slot[face->node[v]]].outwards, face->outwards);
-            add(detector->edge[found - order].outwards, face->outwards);
+            const int32_t edge = edge_between(on, nodes[v], nodes[(v + 1) % 3]);
+            detector->edge_of[3 * t + v] = edge;
+            add(detector->edge[edge].outwards, face->outwards);
+            add(detector->node[node_at(on, nodes[v])].outwards, face->outwards);
         }
     }
 }
@@ -488,12 +484,20 @@ static pliant_status append(search *on, pliant_contacts *out)
     return status;
 }
 
+/* Return a feature by its number: nodes first, then edges and triangles. */
+static pliant_feature *feature_at(const search *on, int32_t n)
+{
+    const int32_t edge = n - on->nodes, face = edge - on->edges;
+    return edge < 0 ? on->detector->node + n : face < 0 ? on->detector->edge + edge : on->detector->face + face;
+}
+
 static void measure_all(search *on)
 {
+    const int32_t several = 256; /* fewer are faster on one thread */
+    const int32_t count = on->nodes + on->edges + on->triangles;
     pliant_contact_detector *detector = on->detector;
-    for (int32_t n = 0; n < on->nodes; n++) measure_feature(on, detector->node + n);
-    for (int32_t e = 0; e < on->edges; e++) measure_feature(on, detector->edge + e);
-    for (int32_t t = 0; t < on->triangles; t++) measure_feature(on, detector->face + t);
+#pragma omp parallel for schedule(dynamic, 16) num_threads(on->num_threads) if (count > several)
+    for (int32_t n = 0; n < count; n++) measure_feature(on, feature_at(on, n));
     keep_deeper(on);
     for (int32_t e = 0; e < on->edges; e++) delay_point(on, detector->edge + e);
     for (int32_t t = 0; t < on->triangles; t++) delay_point(on, detector->face + t);
@@ -510,7 +514,7 @@ bool pliant_contact_has_delayed(const pliant_contact_detector *detector) { retur
 
 pliant_status pliant_contact_find(pliant_contact_detector *detector, const pliant_body *body, const double *positions,
                                   const pliant_contacts *before, bool blocked, int32_t count,
-                                  const pliant_moving_part *parts, pliant_contacts *out)
+                                  const pliant_moving_part *parts, int num_threads, pliant_contacts *out)
 {
     detector->has_delayed = false;
     if (count == 0) return PLIANT_OK;
@@ -522,6 +526,7 @@ pliant_status pliant_contact_find(pliant_contact_detector *detector, const plian
                      .positions = positions,
                      .before = before,
                      .blocked = blocked,
+                     .num_threads = pliant_threads_or_cores(num_threads),
                      .part = parts + p,
                      .part_key = part_key_of(parts + p)};
         on.core = pliant_part_core(on.part->part, on.part->guard);

@@ -57,7 +57,7 @@ void pliant_contact_detector_set_finder(pliant_contact_detector *detector, const
  * Errors: MEMORY. */
 pliant_status pliant_contact_find(pliant_contact_detector *detector, const pliant_body *body, const double *positions,
                                   const pliant_contacts *before, bool blocked, int32_t count,
-                                  const pliant_moving_part *parts, pliant_contacts *out);
+                                  const pliant_moving_part *parts, int num_threads, pliant_contacts *out);
 /* Return whether the last search delayed the motion of a point, so that its points must not be reused. */
 bool pliant_contact_has_delayed(const pliant_contact_detector *detector);
 

@@ -226,7 +226,7 @@ static pliant_status find_points(const pliant_model *model, pliant_data *data, c
     if (status == PLIANT_OK)
         status = pliant_contact_find(search->detector, body, search->surface, &data->contacts,
                                      data->legs->use_plane_constraints, search->num_parts, search->part,
-                                     &search->point_buffer);
+                                     data->discretization->system->num_threads, &search->point_buffer);
     pliant_contact_detector_set_finder(search->detector, NULL);
     search->found = search->found && !pliant_contact_has_delayed(search->detector);
     if (status == PLIANT_OK && pliant_contact_touches_itself(model))
