@@ -249,7 +249,7 @@ enum { PROFILE = 14, FLAT = 1000 /* exponent of a flat part */ };
 typedef struct segment {
     double from, to, height; /* distances of its ends, and the height at the far end [m] */
     double exponent, width;  /* of the height, and the fourth root of its variance_of */
-    double scale;            /* factor of balance */
+    double root, factor;     /* of balance at the far end; root: square root of the deviation there */
 } segment;
 typedef struct profile {
     segment segment[PROFILE];
@@ -317,7 +317,8 @@ static segment make_segment(double from, double to, double low, double height, b
     segment out = {.from = from, .to = to, .height = height, .exponent = !is_first && height > low ? FLAT : 2};
     if (low > 0) out.exponent = fmin(fmax(log(height / low) / log(to / from), 1), FLAT);
     out.width = sqrt(sqrt(variance_of(out.exponent)));
-    out.scale = 1 / (8 * height_of(out.exponent) * out.width * out.width);
+    out.root = out.width * sqrt(to);
+    out.factor = height / (8 * height_of(out.exponent) * out.width * out.width * out.root);
     return out;
 }
 
@@ -344,25 +345,27 @@ static double mean_height(const semi_axis *of)
     return 0.25 * sqrt(PI) * gamma_ratio(0.5 * m + 0.5) * (m + 1) / (2 * m + 1) * of->height;
 }
 
-/* Return a number that grows with the length of an axis and is 1 at equilibrium. other: deviation of the other axis;
- * load: F / E* */
-static double balance(const segment *in, double length, double height, double other, double load)
+/* Return a number that grows with the length of an axis and is 1 at equilibrium, at the far end of a segment. across:
+ * square root of the other axis's deviation; load: F / E* */
+static double balance(const segment *in, double across, double load)
 {
-    const double own = in->width * sqrt(length), sum = own + sqrt(other);
-    return own > 0 ? sum * sum * sum * height * in->scale / (own * load) : 0;
+    const double sum = in->root + across;
+    return sum * sum * sum * in->factor / load;
 }
 
 /* Find the length of an axis within a segment at equilibrium: Newton's method for log(balance) over log(length), which
  * is almost linear. */
-static semi_axis find_axis_in(const segment *in, double other, double load)
+static semi_axis find_axis_in(const segment *in, double across, double load)
 {
+    enum { MAX_STEPS = 5 };
     const double m = in->exponent, lowest = log(fmax(in->from, 1e-9 * in->to)), highest = log(in->to),
-                 constant = log(in->height * in->scale / load), across = sqrt(other);
-    double x = highest;
-    for (int n = 0; n < 5; n++) {
+                 constant = log(in->factor * in->root / load), exact = 1e-9;
+    double x = highest, before = INFINITY;
+    for (int n = 0; n < MAX_STEPS && fabs(x - before) > exact; n++) {
         const double own = in->width * exp(0.5 * x), sum = own + across,
                      slope = m - 0.5 + 1.5 * own / sum; /* at least 1 / 2 */
-        x -= (3 * log(sum) - log(own) + constant + m * (x - highest)) / slope;
+        before = x;
+        x -= (log(sum * sum * sum / own) + constant + m * (x - highest)) / slope;
         x = fmin(fmax(x, lowest), highest);
     }
     return (semi_axis){exp(x), in->height * exp(m * (x - highest)), m};
@@ -371,10 +374,11 @@ static semi_axis find_axis_in(const segment *in, double other, double load)
 /* Find the length of an axis at equilibrium. Between two samples, the height is a power of the distance. */
 static semi_axis find_axis(const profile *part, double other, double load)
 {
+    const double across = sqrt(other);
     double reached = 0;
     for (int k = 0; k < part->count; k++) {
-        reached = balance(part->segment + k, part->segment[k].to, part->segment[k].height, other, load);
-        if (reached >= 1) return find_axis_in(part->segment + k, other, load);
+        reached = balance(part->segment + k, across, load);
+        if (reached >= 1) return find_axis_in(part->segment + k, across, load);
     }
     if (part->count == 0) return (semi_axis){0, 0, 2};
     const segment *last = part->segment + part->count - 1; /* the contact ends at the border of the part */
@@ -397,13 +401,17 @@ typedef struct half_space {
     double weight;   /* 1: the contact is narrower than a cell, or the part is flat; 0: many cells are in contact */
 } half_space;
 
-/* load: F / E* [m^2]; smoothing: variance that the mesh adds to a smooth pressure [m^2] */
-static half_space find_half_space(const profile part[2], double cell, double smoothing, double load)
+/* load: F / E* [m^2]; smoothing: variance that the mesh adds to a smooth pressure [m^2]; axis: the axes of the contact;
+ * in: an estimate */
+static half_space find_half_space(const profile part[2], double cell, double smoothing, double load, semi_axis axis[2])
 {
-    const double hertz = 0.26832815729997478, sneddon = 0.28867513459481287, resolved = 1.5;
-    semi_axis axis[2] = {{cell, 0, 2}, {cell, 0, 2}};
-    for (int again = 0; again < 6; again++)
+    enum { MAX_ROUNDS = 6 };
+    const double hertz = 0.26832815729997478, sneddon = 0.28867513459481287, resolved = 1.5, exact = 1e-6;
+    double before = 0;
+    for (int n = 0; n < MAX_ROUNDS && fabs(axis[1].length - before) > exact * before; n++) {
+        before = axis[1].length;
         for (int d = 0; d < 2; d++) axis[d] = find_axis(part + d, deviation(axis + 1 - d), load);
+    }
     const double s[2] = {deviation(axis), deviation(axis + 1)},
                  curved = 0.5 * (sqrt(2 / axis[0].exponent) + sqrt(2 / axis[1].exponent)),
                  kappa = sneddon + curved * (hertz - sneddon), moved = kappa * load / mean_of(s[0], s[1]),
@@ -477,11 +485,12 @@ static double missing_depth(const pressed_part *of, const pliant_tool_pose *goal
     const double t = find_row(of->poisson, &row),
                  *rows = lattice_smoothing[of->data->model->scene.element.kind == PLIANT_HEXAHEDRA] + row,
                  smoothing = fmax(((1 - t) * rows[0] + t * rows[1]) * of->cell * of->cell + of->spread, 0);
-    half_space found = find_half_space(part, of->cell, smoothing, present);
+    semi_axis axis[2] = {{of->cell, 0, 2}, {of->cell, 0, 2}};
+    half_space found = find_half_space(part, of->cell, smoothing, present, axis);
     double ratio = 1;
     for (int n = 0; n < 4 && found.depth > 0; n++) {
         ratio = depth > 0 ? fmax(ratio * pow(depth / found.depth, 1.25), slowest) : slowest;
-        found = find_half_space(part, of->cell, smoothing, ratio * present);
+        found = find_half_space(part, of->cell, smoothing, ratio * present, axis);
     }
     const double missing = found.weight * (found.depth / ratio - lattice) + (1 - found.weight) * found.smoothed / ratio;
     return known_fraction(of) * fmax(missing, 0);
