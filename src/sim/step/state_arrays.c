@@ -8,7 +8,23 @@
 
 #include <string.h>
 
-typedef struct transfer { pliant_state_transfer operation; bool succeeds; } transfer;
+typedef struct transfer {
+    pliant_state_transfer operation;
+    bool succeeds;
+    int num_threads;
+} transfer;
+
+/* Copy with several threads if there are many bytes. */
+static void copy(const transfer *work, void *to, const void *from, size_t bytes)
+{
+    const size_t part = (size_t)1 << 18; /* bytes that one thread copies */
+    const int32_t parts = (int32_t)((bytes + part - 1) / part);
+#pragma omp parallel for schedule(static) num_threads(work->num_threads) if (parts > 1)
+    for (int32_t p = 0; p < parts; p++) {
+        const size_t at = part * (size_t)p;
+        memcpy((char *)to + at, (const char *)from + at, bytes - at < part ? bytes - at : part);
+    }
+}
 
 /* @param at, count, capacity the state's array, its size and its capacity; @param elements, number the simulation's
  *   array and its size */
@@ -24,13 +40,13 @@ static void move(transfer *work, void *at, size_t *count, size_t *capacity, size
         return;
     case PLIANT_STATE_SAVE:
         *count = number;
-        if (number > 0 && elements) memcpy(array, elements, number * size);
+        if (number > 0 && elements) copy(work, array, elements, number * size);
         return;
     case PLIANT_STATE_COMPARE:
         work->succeeds = work->succeeds && *count == number;
         return;
     case PLIANT_STATE_RESTORE:
-        if (number > 0 && elements) memcpy(elements, array, number * size);
+        if (number > 0 && elements) copy(work, elements, array, number * size);
         return;
     }
 }
@@ -124,7 +140,10 @@ static void move_tissue(transfer *work, pliant_state *state, pliant_data *data)
 
 bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_transfer operation)
 {
-    transfer only = {.operation = operation, .succeeds = true}, *work = &only;
+    transfer only = {.operation = operation,
+                     .succeeds = true,
+                     .num_threads = data->discretization->system->num_threads},
+             *work = &only;
     if (tissue) move_tissue(work, state, data);
     if (operation == PLIANT_STATE_RESERVE) reserve_tools(work, state, data);
     if (operation == PLIANT_STATE_SAVE) gather_tools(state, data);
