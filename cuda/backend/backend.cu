@@ -133,7 +133,7 @@ static pliant_status move(const pliant_model *, pliant_data *data)
 {
     cuda_data *state = state_of(data);
     state->moved = true;
-    state->volume.has_near = false;
+    state->volume.has_near = state->volume.is_enqueued = false;
     CUDA_TRY(pliant_cuda_solver_move(state->solver, data->solver));
     if (!state->d_positions || pliant_host_moves_nodes(data)) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
@@ -161,7 +161,7 @@ static pliant_status begin_leg(pliant_data *data)
 {
     cuda_data *state = state_of(data);
     gpu_volume_bound *volume = &state->volume;
-    volume->has_from = volume->has_near = false;
+    volume->has_from = volume->has_near = volume->is_enqueued = false;
     return volume->revision == data->body->revision && has_positions(data)
                ? pliant_cuda_volume_begin_leg(volume, state->d_positions, (size_t)data->body->fine.num_nodes,
                                               state->stream)
@@ -184,8 +184,10 @@ static pliant_status test_elements(const pliant_model *model, pliant_data *data,
     CUDA_TRY(CUDA_CALL(cudaSetDevice(state->device)));
     CUDA_TRY(pliant_cuda_volume_set_body(volume, data->body, state->stream));
     if (!has_positions(data) || (in_leg && !volume->has_from)) return PLIANT_OK;
-    if (in_leg || !volume->has_near)
-        CUDA_TRY(pliant_cuda_volume_test(volume, &model->contact, !in_leg, state->d_positions, state->stream, &is_any));
+    if (in_leg ? !volume->is_enqueued : !volume->has_near)
+        CUDA_TRY(
+            pliant_cuda_volume_enqueue(volume, &model->contact, !in_leg, state->d_positions, state->stream));
+    if (in_leg || !volume->has_near) CUDA_TRY(pliant_cuda_volume_finish(volume, state->stream, &is_any));
     *may_be_small = in_leg ? is_any : volume->is_near;
     return PLIANT_OK;
 }
@@ -235,11 +237,14 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     return status;
 }
 
-static pliant_status enqueue_upsample(const pliant_data *data)
+/* Enqueue the upsampling, and the test of the elements that follows a leg. */
+static pliant_status enqueue_upsample(const pliant_model *model, const pliant_data *data)
 {
     cuda_data *state = state_of(data);
     state->is_on_host = state->moved = false;
     CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
+    if (state->volume.has_from)
+        CUDA_TRY(pliant_cuda_volume_enqueue(&state->volume, &model->contact, false, state->d_positions, state->stream));
     const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->next_positions;
     return CUDA_CALL(
         cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
@@ -277,7 +282,7 @@ static pliant_status copy_result_to_host(const pliant_model *, pliant_data *data
 /* Upsample. The host solves patches and moves detached pieces, so it then needs the fine nodes' positions. */
 static pliant_status transfer_ownership(const pliant_model *model, pliant_data *data)
 {
-    CUDA_TRY(enqueue_upsample(data));
+    CUDA_TRY(enqueue_upsample(model, data));
     return pliant_host_moves_nodes(data) ? copy_result_to_host(model, data) : PLIANT_OK;
 }
 

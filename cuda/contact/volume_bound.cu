@@ -78,9 +78,8 @@ extern "C" pliant_status pliant_cuda_volume_begin_leg(gpu_volume_bound *bound, c
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_volume_test(gpu_volume_bound *bound, const pliant_contact_settings *settings,
-                                                 bool is_still, const double *d_positions, cudaStream_t stream,
-                                                 bool *may_be_small)
+extern "C" pliant_status pliant_cuda_volume_enqueue(gpu_volume_bound *bound, const pliant_contact_settings *settings,
+                                                    bool is_still, const double *d_positions, cudaStream_t stream)
 {
     const size_t results = NUM_RESULTS * sizeof *bound->d_any;
     const unsigned blocks = (unsigned)((bound->num_tets + THREADS - 1) / THREADS);
@@ -90,6 +89,12 @@ extern "C" pliant_status pliant_cuda_volume_test(gpu_volume_bound *bound, const 
         is_still ? d_positions : static_cast<const double *>(bound->d_from), d_positions, *settings, bound->d_any);
     CUDA_TRY(CUDA_LAUNCHED("volume_kernel"));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(bound->h_any, bound->d_any, results, cudaMemcpyDeviceToHost, stream)));
+    bound->is_enqueued = !is_still;
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_volume_finish(gpu_volume_bound *bound, cudaStream_t stream, bool *may_be_small)
+{
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     *may_be_small = bound->h_any[MAY_BE_SMALL];
     bound->is_near = bound->h_any[IS_NEAR];

@@ -19,6 +19,7 @@ typedef struct gpu_volume_bound {
     size_t tets_capacity, rest_capacity, from_capacity;
     int32_t *d_any, *h_any; /* (2) results */
     bool has_from;          /* d_from is set */
+    bool is_enqueued;       /* the test of the present leg is enqueued */
     /* result of the last test: an element is below volume_near at its end */
     bool has_near, is_near;
 } gpu_volume_bound;
@@ -27,12 +28,14 @@ void pliant_cuda_volume_free(gpu_volume_bound *bound); /* frees its contents */
 /* Enqueue a copy of the positions at the start of a leg. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_volume_begin_leg(gpu_volume_bound *bound, const double *d_positions, size_t num_nodes,
                                            cudaStream_t stream);
-/* Find whether an element may become too small during the leg, and whether one is below volume_near at its end.
- * Wait for the stream. Errors: UNAVAILABLE.
+/* Enqueue the test of the elements. Errors: UNAVAILABLE.
  * @param is_still    the nodes do not move: d_from is not read
  * @param d_positions (nodes x 3) end of the leg [m] */
-pliant_status pliant_cuda_volume_test(gpu_volume_bound *bound, const pliant_contact_settings *settings, bool is_still,
-                                      const double *d_positions, cudaStream_t stream, bool *may_be_small);
+pliant_status pliant_cuda_volume_enqueue(gpu_volume_bound *bound, const pliant_contact_settings *settings,
+                                         bool is_still, const double *d_positions, cudaStream_t stream);
+/* Wait for the stream. Find whether an element may become too small during the leg, and whether one is below
+ * volume_near at its end. Errors: UNAVAILABLE. */
+pliant_status pliant_cuda_volume_finish(gpu_volume_bound *bound, cudaStream_t stream, bool *may_be_small);
 /* Send the topology, unless it is there. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_volume_set_body(gpu_volume_bound *bound, const pliant_body *body, cudaStream_t stream);
 
