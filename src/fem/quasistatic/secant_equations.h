@@ -5,6 +5,7 @@
 #define PLIANT_FEM_QUASISTATIC_SECANT_EQUATIONS_H
 
 #include "base/dot.h"
+#include "base/inverse_root.h"
 #include "fem/quasistatic/anderson.h"
 
 #ifdef __CUDACC__
@@ -18,8 +19,9 @@ enum { PLIANT_EQUATIONS_ROW = PLIANT_MAX_HISTORY + 1 }; /* an odd number avoids 
 /* Work arrays, shared by the lanes. */
 typedef struct pliant_secant_equations {
     int32_t used[PLIANT_MAX_HISTORY];
-    double scale[PLIANT_MAX_HISTORY], diagonal[PLIANT_MAX_HISTORY], right[PLIANT_MAX_HISTORY];
-    double matrix[PLIANT_MAX_HISTORY][PLIANT_EQUATIONS_ROW]; /* its lower triangle */
+    double scale[PLIANT_MAX_HISTORY], inverse[PLIANT_MAX_HISTORY], weight[PLIANT_MAX_HISTORY];
+    /* its lower triangle; the row after the last one is the right side */
+    double matrix[PLIANT_MAX_HISTORY + 1][PLIANT_EQUATIONS_ROW];
 } pliant_secant_equations;
 
 /* List the slots of the used secants and return their number. The sizes of secants differ by orders of magnitude, so
@@ -49,7 +51,7 @@ PLIANT_INLINE void pliant_secant_fill(int32_t lane, int32_t lanes, const pliant_
         const int32_t a = n / count, b = n % count, first = equations->used[a], second = equations->used[b];
         const double noise =
             estimates ? pliant_anderson_noise(rules, first) : pliant_get_quasistatic_settings().trial_noise;
-        if (a == b) equations->right[a] = along[first] * equations->scale[first];
+        if (a == b) equations->matrix[count][a] = along[first] * equations->scale[first];
         equations->matrix[a][b] =
             a == b ? 1 + noise * noise
                    : gram[first * PLIANT_MAX_HISTORY + second] * equations->scale[first] * equations->scale[second];
@@ -57,35 +59,25 @@ PLIANT_INLINE void pliant_secant_fill(int32_t lane, int32_t lanes, const pliant_
     PLIANT_LANES_SYNC();
 }
 
-/* Solve by Cholesky, column by column (Golub and Van Loan, 4.2). Return false if rounding has made the matrix
- * indefinite. */
+/* Solve by Cholesky, column by column (Golub and Van Loan, 4.2). The right side is one more row of the factor, so it is
+ * substituted forward in the same loop. `inverse` is the inverse diagonal of the factor. Return false if rounding has
+ * made the matrix indefinite. */
 PLIANT_INLINE bool pliant_secant_solve(int32_t lane, int32_t lanes, int32_t count, pliant_secant_equations *equations)
 {
-    double(*matrix)[PLIANT_EQUATIONS_ROW] = equations->matrix, *right = equations->right;
+    double(*matrix)[PLIANT_EQUATIONS_ROW] = equations->matrix, *right = equations->matrix[count];
     for (int32_t c = 0; c < count; c++) {
-        for (int32_t r = lane; r < count; r += lanes) {
-            if (r < c) continue;
-            const double left = matrix[r][c] - pliant_dot((size_t)c, matrix[r], matrix[c]);
-            if (r > c) matrix[r][c] = left;
-            else equations->diagonal[c] = left > 1e-14 * matrix[c][c] ? sqrt(left) : 0.0;
-        }
-        PLIANT_LANES_SYNC();
-        if (!(equations->diagonal[c] > 0)) return false; /* the same for all lanes */
-        for (int32_t r = lane; r < count; r += lanes)
-            if (r > c) matrix[r][c] /= equations->diagonal[c];
-        PLIANT_LANES_SYNC();
-    }
-    for (int32_t c = 0; c < count; c++) {
-        if (c % lanes == lane) right[c] /= equations->diagonal[c];
-        PLIANT_LANES_SYNC();
-        for (int32_t r = lane; r < count; r += lanes)
-            if (r > c) right[r] -= matrix[r][c] * right[c];
+        const double pivot = matrix[c][c] - pliant_dot((size_t)c, matrix[c], matrix[c]); /* the same for all lanes */
+        if (!(pivot > 1e-14 * matrix[c][c])) return false;
+        const double inverse = pliant_inverse_root(pivot);
+        for (int32_t r = lane; r <= count; r += lanes)
+            if (r > c) matrix[r][c] = inverse * (matrix[r][c] - pliant_dot((size_t)c, matrix[r], matrix[c]));
+        if (c % lanes == lane) equations->inverse[c] = inverse;
         PLIANT_LANES_SYNC();
     }
     for (int32_t c = count - 1; c >= 0; c--) {
-        if (c % lanes == lane) right[c] /= equations->diagonal[c];
-        PLIANT_LANES_SYNC();
-        for (int32_t r = lane; r < c; r += lanes) right[r] -= matrix[c][r] * right[c];
+        const double weight = right[c] * equations->inverse[c];
+        for (int32_t r = lane; r < c; r += lanes) right[r] -= matrix[c][r] * weight;
+        if (c % lanes == lane) equations->weight[c] = weight;
         PLIANT_LANES_SYNC();
     }
     return true;
@@ -108,7 +100,7 @@ PLIANT_INLINE bool pliant_secant_weights(int32_t lane, int32_t lanes, const plia
     pliant_secant_fill(lane, lanes, rules, gram, along, estimates, count, equations);
     if (!pliant_secant_solve(lane, lanes, count, equations)) return false;
     for (int32_t a = lane; a < count; a += lanes)
-        weights[equations->used[a]] = equations->right[a] * equations->scale[equations->used[a]];
+        weights[equations->used[a]] = equations->weight[a] * equations->scale[equations->used[a]];
     return true;
 }
 
