@@ -271,11 +271,11 @@ static pliant_status send_bodies(const pliant_cuda_solver *gpu, const pliant_con
 static pliant_status measure(pliant_cuda_solver *gpu, const pliant_contact_problem *from, size_t numbers)
 {
     gpu_contacts *contacts = &gpu->contacts;
+    const gpu_contact_view *d_view = static_cast<const gpu_contact_view *>(contacts->d_block[CONTACT_VIEW]);
     CUDA_TRY(send_bodies(gpu, from));
-    CUDA_TRY(pliant_cuda_contact_load(static_cast<const gpu_contact_view *>(contacts->d_block[CONTACT_VIEW]),
-                                      &gpu->iteration, gpu->stream));
+    CUDA_TRY(pliant_cuda_contact_load(d_view, &gpu->iteration, gpu->stream));
     CUDA_TRY(pliant_cuda_solver_free_step(gpu));
-    CUDA_TRY(pliant_cuda_contact_measure(&contacts->view, &gpu->iteration, gpu->stream));
+    CUDA_TRY(pliant_cuda_contact_measure(d_view, contacts->view.count, &gpu->iteration, gpu->stream));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(contacts->h_block[CONTACT_RESULTS], contacts->view.d_motion,
                                        numbers * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(download_state(gpu));
@@ -308,11 +308,10 @@ static pliant_status download(pliant_cuda_solver *gpu)
 {
     gpu_contacts *contacts = &gpu->contacts;
     const gpu_contact_view *view = &contacts->view;
+    const gpu_contact_view *d_view = static_cast<const gpu_contact_view *>(contacts->d_block[CONTACT_VIEW]);
     const size_t bytes = 3 * (size_t)view->count * sizeof(double);
-    /* Applies the last evaluation. */
-    CUDA_TRY(pliant_cuda_contact_load(static_cast<const gpu_contact_view *>(contacts->d_block[CONTACT_VIEW]),
-                                      &gpu->iteration, gpu->stream));
-    CUDA_TRY(pliant_cuda_contact_measure(view, &gpu->iteration, gpu->stream));
+    CUDA_TRY(pliant_cuda_contact_load(d_view, &gpu->iteration, gpu->stream)); /* applies the last evaluation */
+    CUDA_TRY(pliant_cuda_contact_measure(d_view, view->count, &gpu->iteration, gpu->stream));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(contacts->h_block[CONTACT_RESULTS], view->d_motion, bytes,
                                        cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(contacts->h_block[CONTACT_EVALUATION_RESULTS], view->d_force, 2 * bytes,

@@ -153,14 +153,24 @@ static __device__ void move_with_pieces(const gpu_contact_view &view, int c, dou
                         view.d_piece_moved + 6 * (size_t)view.d_arm[a].moving, motion);
 }
 
-/* Measure the motion of one point, with one warp. */
+enum { POINT_LANES = 8, WARP_POINTS = 32 / POINT_LANES };
+
+/* Return the sum over the lanes of a point, to each of them. */
+static __device__ __forceinline__ double point_sum(double value)
+{
+    const unsigned lanes = ((1u << POINT_LANES) - 1) << (threadIdx.x % 32 / POINT_LANES * POINT_LANES);
+    for (int half = POINT_LANES / 2; half > 0; half /= 2) value += __shfl_xor_sync(lanes, value, half);
+    return value;
+}
+
+/* Measure the motion of one point, with POINT_LANES threads. */
 static __device__ void measure_point(const gpu_contact_view &view, const gpu_iteration &iteration,
                                      const gpu_state &state, int c, double *out)
 {
-    const int lane = (int)threadIdx.x % 32;
+    const int lane = (int)threadIdx.x % POINT_LANES;
     const double *x = iteration.d_x[state.done ? state.now : gpu_target(&state)];
     double y[3] = {0, 0, 0}, moved[3] = {0, 0, 0};
-    for (int w = view.d_start[c] + lane; w < view.d_start[c + 1]; w += 32) {
+    for (int w = view.d_start[c] + lane; w < view.d_start[c + 1]; w += POINT_LANES) {
         const size_t unknown = (size_t)view.d_unknown[w];
         const double *block = view.d_block + 9 * (size_t)w, *turned = view.d_turned + 9 * (size_t)w,
                      *at = x + 3 * (size_t)iteration.d_node_of_free[unknown];
@@ -171,10 +181,9 @@ static __device__ void measure_point(const gpu_contact_view &view, const gpu_ite
         }
     }
     for (int r = 0; r < 3; r++) {
-        y[r] = warp_sum(y[r]);
-        moved[r] = warp_sum(moved[r]);
+        y[r] = point_sum(y[r]);
+        moved[r] = point_sum(moved[r]);
     }
-    if (lane != 0) return;
     const double *frame = view.d_frame + 9 * (size_t)c, *goal = view.d_goal + 3 * (size_t)c,
                  *force = view.d_force + 3 * (size_t)c;
     double with[3] = {0, 0, 0};
@@ -185,7 +194,7 @@ static __device__ void measure_point(const gpu_contact_view &view, const gpu_ite
             motion = moved[r] + frame[3 * r] * (y[0] - goal[0]) + frame[3 * r + 1] * (y[1] - goal[1]) +
                      frame[3 * r + 2] * (y[2] - goal[2]) + with[r];
         if (!state.done && view.num_moving > 0) motion += view.d_own_compliance[c] * force[r];
-        out[3 * (size_t)c + r] = motion;
+        if (lane == 0) out[3 * (size_t)c + r] = motion;
     }
 }
 
@@ -202,14 +211,18 @@ static __device__ void measure_spring(const gpu_contact_view &view, const gpu_it
             y[d] + tool.compliance * state.force[target][3 * t + d] - tool.target[d];
 }
 
-static __global__ void __launch_bounds__(THREADS) measure_kernel(gpu_contact_view view, gpu_iteration iteration)
+/* Measure the motion of several points or of one spring with each warp. */
+static __global__ void __launch_bounds__(THREADS)
+    measure_kernel(const gpu_contact_view *d_view, gpu_iteration iteration)
 {
+    const gpu_contact_view &view = *d_view;
     const gpu_state &state = *iteration.d_state;
-    const int at = (int)(blockIdx.x * THREADS + threadIdx.x) / 32;
-    if (at < view.count)
-        measure_point(view, iteration, state, at, view.d_motion);
-    else if (at < view.count + view.num_springs && !state.done)
-        measure_spring(view, iteration, state, at - view.count, view.d_motion);
+    const int warp = (int)(blockIdx.x * THREADS + threadIdx.x) / 32,
+              spring = warp - (view.count + WARP_POINTS - 1) / WARP_POINTS,
+              point = warp * WARP_POINTS + (int)threadIdx.x % 32 / POINT_LANES;
+    if (spring < 0 && point < view.count) measure_point(view, iteration, state, point, view.d_motion);
+    if (spring >= 0 && spring < view.num_springs && !state.done)
+        measure_spring(view, iteration, state, spring, view.d_motion);
 }
 
 /* Compute W' dl in the nodes' axes and add it to the residual, with one block. */
@@ -234,32 +247,35 @@ static __global__ void __launch_bounds__(ONE_BLOCK) pull_kernel(gpu_contact_view
     if (!iteration.d_state->done) pull(view, iteration, *iteration.d_state);
 }
 
-/* Doubles of the cones of one point, without equations and A. */
-enum { CONE_DOUBLES = 3 * 4 + (sizeof(pliant_cone_point) + sizeof(double)) / sizeof(double) };
+/* Doubles of the cones of one point and its friction, without equations and A. */
+enum { CONE_DOUBLES = 3 * 4 + 1 + (sizeof(pliant_cone_point) + 2 * sizeof(int32_t)) / sizeof(double) };
 
-/* Put the cone problem into shared memory, up to its size. A and the equations of many points stay in global memory. */
+/* Put the cone problem into shared memory, up to its size: first A, which is read most often, and then the equations of
+ * the pressing points. Larger data stays in global memory. */
 static __device__ pliant_cones place_cones(const gpu_contact_view &view, double *shared, size_t capacity)
 {
     pliant_cones on;
-    const size_t count = (size_t)(view.count + view.num_springs), row = 3 * count,
-                 most = row < PLIANT_CONE_MAX_ROWS ? row : PLIANT_CONE_MAX_ROWS;
+    const size_t count = (size_t)(view.count + view.num_springs), row = 3 * count;
     double *next = shared + CONE_DOUBLES * count, *const end = shared + capacity;
-    size_t rows = most;
+    size_t rows = row < PLIANT_CONE_MAX_ROWS ? row : PLIANT_CONE_MAX_ROWS;
     on.count = (int32_t)count;
-    on.friction = view.d_friction;
     on.motion = shared;
     on.force = shared + row;
     on.change = shared + 2 * row;
     on.moved = shared + 3 * row;
-    on.point = reinterpret_cast<pliant_cone_point *>(shared + 4 * row);
+    double *friction = shared + 4 * row;
+    for (size_t p = threadIdx.x; p < count; p += CONE_THREADS) friction[p] = view.d_friction[p];
+    on.friction = friction;
+    on.point = reinterpret_cast<pliant_cone_point *>(friction + count);
     on.list = reinterpret_cast<int32_t *>(on.point + count);
-    while (rows > 0 && next + rows * (rows + 1) > end) rows -= 3;
-    on.equations = next;
+    on.changing = on.list + count;
+    const bool fits = next + row * row <= end;
+    on.matrix = fits ? next : view.d_matrix;
+    on.equations = fits ? next + row * row : next;
+    while (rows > 0 && on.equations + rows * (rows + 1) > end) rows -= 3;
     on.fast_rows = (int32_t)rows;
     on.large_equations = view.d_equations;
-    next += rows * (rows + 1);
-    on.matrix = rows == most && next + row * row <= end ? next : view.d_matrix;
-    if (on.matrix != next) return on;
+    if (!fits) return on;
     for (size_t i = threadIdx.x; i < row * row; i += COPIES * CONE_THREADS) { /* several loads in flight at once */
         double some[COPIES];
         for (size_t c = 0; c < COPIES; c++)
@@ -270,7 +286,7 @@ static __device__ pliant_cones place_cones(const gpu_contact_view &view, double 
     return on;
 }
 
-/* Compute the contact forces of an evaluation from the free step, and their pull, with one block. If the measured
+/* Compute the contact forces of an evaluation from the measured motions, and their pull, with one block. If the
  * motions are not finite, the old forces stay. If too many points press, the evaluation ends, and the host repeats
  * it. */
 static __global__ void __launch_bounds__(CONE_THREADS)
@@ -284,13 +300,10 @@ static __global__ void __launch_bounds__(CONE_THREADS)
     const pliant_team team = {(int)threadIdx.x, CONE_THREADS, sums};
     const pliant_cones on = place_cones(view, shared, (size_t)capacity / sizeof(double));
     const int points = 3 * view.count;
-    for (int at = (int)threadIdx.x / 32; at < on.count; at += CONE_THREADS / 32) {
-        if (at < view.count)
-            measure_point(view, iteration, state, at, on.motion);
-        else
-            measure_spring(view, iteration, state, at - view.count, on.motion);
+    for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) {
+        on.motion[i] = view.d_motion[i];
+        on.force[i] = i < points ? view.d_force[i] : 0;
     }
-    for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) on.force[i] = i < points ? view.d_force[i] : 0;
     __syncthreads();
     double wrong = 0;
     for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) wrong += !isfinite(on.motion[i]);
@@ -356,11 +369,11 @@ pliant_status pliant_cuda_contact_load(const gpu_contact_view *d_view, const gpu
     return CUDA_LAUNCHED("load_kernel");
 }
 
-pliant_status pliant_cuda_contact_measure(const gpu_contact_view *view, const gpu_iteration *iteration,
+pliant_status pliant_cuda_contact_measure(const gpu_contact_view *d_view, int32_t count, const gpu_iteration *iteration,
                                           cudaStream_t stream)
 {
-    measure_kernel<<<blocks_for(32 * (view->count + view->num_springs), THREADS), THREADS, 0, stream>>>(*view,
-                                                                                                        *iteration);
+    const int warps = (count + WARP_POINTS - 1) / WARP_POINTS + PLIANT_MAX_TOOLS;
+    measure_kernel<<<blocks_for(32 * warps, THREADS), THREADS, 0, stream>>>(d_view, *iteration);
     return CUDA_LAUNCHED("measure_kernel");
 }
 

@@ -4,9 +4,8 @@
 
 #include "cuda/fem/quasistatic/contact.h"
 
-/* Maximum number of points and springs for which one block computes the forces. It has the shared memory for them; for
- * more points the host is faster (src/contact/NUMERICS.md). */
-enum { CONTACT_MAX_POINTS = 128 };
+/* Maximum number of points and springs for which one block computes the forces. It has the shared memory for them. */
+enum { CONTACT_MAX_POINTS = 256 };
 
 /* At the start of a step, compute the weights in the nodes' axes, and A. */
 pliant_status pliant_cuda_contact_begin(const gpu_contact_view *view, const gpu_iteration *iteration,
@@ -16,8 +15,8 @@ pliant_status pliant_cuda_contact_begin(const gpu_contact_view *view, const gpu_
 pliant_status pliant_cuda_contact_load(const gpu_contact_view *d_view, const gpu_iteration *iteration,
                                        cudaStream_t stream);
 /* Compute the motion of points and held nodes by the free step. After a step, compute the final motion of the
- * points. */
-pliant_status pliant_cuda_contact_measure(const gpu_contact_view *view, const gpu_iteration *iteration,
+ * points. count: at least the number of points */
+pliant_status pliant_cuda_contact_measure(const gpu_contact_view *d_view, int32_t count, const gpu_iteration *iteration,
                                           cudaStream_t stream);
 /* Compute the contact forces and their pull with one block, in `bytes` of shared memory. */
 pliant_status pliant_cuda_contact_cones(const gpu_contact_view *d_view, const gpu_iteration *iteration, int32_t bytes,

@@ -35,6 +35,7 @@ static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
     const gpu_contact_view *d_view = static_cast<const gpu_contact_view *>(gpu->contacts.d_block[CONTACT_VIEW]);
     CUDA_TRY(pliant_cuda_contact_load(d_view, &gpu->iteration, gpu->stream));
     CUDA_TRY(enqueue_look(gpu));
+    CUDA_TRY(pliant_cuda_contact_measure(d_view, CONTACT_MAX_POINTS, &gpu->iteration, gpu->stream));
     CUDA_TRY(pliant_cuda_contact_cones(d_view, &gpu->iteration, gpu->contacts.shared_capacity, gpu->stream));
     CUDA_TRY(pliant_cuda_contact_push(d_view, &gpu->iteration, gpu->stream));
     return enqueue_judge(gpu, false);

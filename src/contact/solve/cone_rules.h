@@ -7,7 +7,7 @@
 #ifndef PLIANT_FEM_QUASISTATIC_CONE_RULES_H
 #define PLIANT_FEM_QUASISTATIC_CONE_RULES_H
 
-#include "base/inline.h"
+#include "base/inverse_root.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -75,7 +75,7 @@ typedef struct pliant_cones {
     double *motion, *force;    /* (3 count) */
     /* BUFFERS */
     pliant_cone_point *point;  /* (count) */
-    int32_t *list;             /* (count) points that are not open */
+    int32_t *list, *changing;  /* (count) points that are not open; points whose force a step changes */
     double *change, *moved;    /* (3 count) changes of the forces in a step, and the motions that they cause */
     double *equations;         /* up to fast_rows: (fast_rows x (fast_rows + 1)) */
     double *large_equations;   /* more: PLIANT_CONE_EQUATIONS; not read if fast_rows is PLIANT_CONE_MAX_ROWS */
@@ -111,14 +111,20 @@ PLIANT_INLINE double pliant_cone_unprojected(const pliant_cone_point *point, dou
     return f[0] - times * point->soft[0] * v[0];
 }
 
+/* Return the factor that shortens a vector to a maximum length. */
+PLIANT_INLINE double pliant_cone_part(const double z[2], double maximum)
+{
+    const double square = z[0] * z[0] + z[1] * z[1];
+    return square > maximum * maximum ? maximum * pliant_inverse_root(square) : 1.0;
+}
+
 /* Compute the change of f by the projection: P(f - times v) - f. */
 PLIANT_INLINE void pliant_cone_projection_change(const pliant_cone_point *point, double friction, double times,
                                                  const double v[3], const double f[3], double out[3])
 {
     double z[2];
-    const double normal = fmax(pliant_cone_unprojected(point, times, v, f, z), 0.0), maximum = friction * normal,
-                 length = sqrt(z[0] * z[0] + z[1] * z[1]);
-    const double part = length > maximum ? maximum / length : 1.0;
+    const double normal = fmax(pliant_cone_unprojected(point, times, v, f, z), 0.0),
+                 part = pliant_cone_part(z, friction * normal);
     out[0] = normal - f[0];
     for (int k = 0; k < 2; k++) out[1 + k] = part * z[k] - f[1 + k];
 }
@@ -146,31 +152,66 @@ PLIANT_INLINE double pliant_cones_residual(const pliant_team *team, const pliant
     return pliant_team_sum(team, sum);
 }
 
-/* Compute moved = A change. list: (count) points that have a change; NULL: all */
-PLIANT_INLINE void pliant_cones_find_motion(const pliant_team *team, const pliant_cones *on, int32_t count,
-                                            const int32_t *list)
+/* ---- lists of points */
+
+/* Return whether a step changes the force of a point. */
+PLIANT_INLINE bool pliant_cone_changes(const pliant_cones *on, int32_t p)
+{
+    const double *by = on->change + 3 * (size_t)p;
+    return by[0] != 0 || by[1] != 0 || by[2] != 0;
+}
+
+/* Return whether the last classification found a point in contact. */
+PLIANT_INLINE bool pliant_cone_presses(const pliant_cones *on, int32_t p)
+{
+    return on->point[p].kind != PLIANT_CONE_OPEN;
+}
+
+/* List the points that have a property, ascending. Return their number. */
+PLIANT_INLINE int32_t pliant_cones_list(const pliant_team *team, const pliant_cones *on,
+                                        bool (*has)(const pliant_cones *, int32_t), int32_t *list)
+{
+    int32_t count = 0;
+#ifdef __CUDACC__
+    /* each warp counts, and the first one writes the list */
+    for (int32_t first = 0; first < on->count; first += 32) {
+        const int32_t lane = team->rank % 32, p = first + lane;
+        const bool is_listed = p < on->count && has(on, p);
+        const unsigned listed = __ballot_sync(0xffffffff, is_listed);
+        if (is_listed && team->rank < 32) list[count + __popc(listed & ((1u << lane) - 1))] = p;
+        count += __popc(listed);
+    }
+#else
+    (void)team;
+    for (int32_t p = 0; p < on->count; p++)
+        if (has(on, p)) list[count++] = p;
+#endif
+    pliant_team_wait();
+    return count;
+}
+
+/* Compute moved = A change. */
+PLIANT_INLINE void pliant_cones_find_motion(const pliant_team *team, const pliant_cones *on)
 {
     const size_t row = 3 * (size_t)on->count;
+    const int32_t count = pliant_cones_list(team, on, pliant_cone_changes, on->changing);
 #ifdef __CUDACC__
     for (size_t i = (size_t)team->rank; i < row; i += (size_t)team->size) {
         double sum = 0;
 #pragma unroll 4
         for (int32_t n = 0; n < count; n++) {
             /* A is symmetric */
-            const size_t p = 3 * (size_t)(list ? list[n] : n);
+            const size_t p = 3 * (size_t)on->changing[n];
             const double *by = on->change + p, *a = on->matrix + p * row + i;
-            if (!list && by[0] == 0 && by[1] == 0 && by[2] == 0) continue;
             sum += a[0] * by[0] + a[row] * by[1] + a[2 * row] * by[2];
         }
         on->moved[i] = sum;
     }
 #else
-    (void)team;
     for (size_t i = 0; i < row; i++) on->moved[i] = 0;
     for (int32_t n = 0; n < count; n++) {
-        const size_t p = 3 * (size_t)(list ? list[n] : n);
+        const size_t p = 3 * (size_t)on->changing[n];
         const double *by = on->change + p, *a = on->matrix + p * row, *b = a + row, *c = b + row;
-        if (by[0] == 0 && by[1] == 0 && by[2] == 0) continue;
         /* loops over rows vectorize */
         for (size_t i = 0; i < row; i++) on->moved[i] += a[i] * by[0] + b[i] * by[1] + c[i] * by[2];
     }
@@ -197,29 +238,16 @@ PLIANT_INLINE void pliant_cone_classify(const pliant_cones *on, int32_t p)
     point->cone_fraction = friction * normal / length;
 }
 
-/* Classify all points. Open points lose their force; *opens: at least one had a force. List all others and return
- * their number. */
-PLIANT_INLINE int32_t pliant_cones_classify(const pliant_team *team, const pliant_cones *on, bool *opens)
+/* Classify all points. Open points lose their force. List all others and return their number. */
+PLIANT_INLINE int32_t pliant_cones_classify(const pliant_team *team, const pliant_cones *on)
 {
-    const double many = 65536; /* more than the number of points */
-    double own = 0;
     for (int32_t p = team->rank; p < on->count; p += team->size) {
         pliant_cone_classify(on, p);
-        const bool open = on->point[p].kind == PLIANT_CONE_OPEN;
-        for (size_t i = 3 * (size_t)p; i < 3 * (size_t)p + 3; i++) {
-            on->change[i] = open ? -on->force[i] : 0;
-            on->moved[i] = 0;
-        }
-        own += !open ? 1 : on->change[3 * (size_t)p] != 0 ? many : 0;
+        for (size_t i = 3 * (size_t)p; i < 3 * (size_t)p + 3; i++)
+            on->change[i] = pliant_cone_presses(on, p) ? 0 : -on->force[i];
     }
     pliant_team_wait();
-    for (int32_t p = team->rank, place = 0, q = 0; p < on->count; p += team->size) {
-        for (; q < p; q++) place += on->point[q].kind != PLIANT_CONE_OPEN;
-        if (on->point[p].kind != PLIANT_CONE_OPEN) on->list[place] = p;
-    }
-    own = pliant_team_sum(team, own);
-    *opens = own >= many;
-    return (int32_t)fmod(own, many);
+    return pliant_cones_list(team, on, pliant_cone_presses, on->list);
 }
 
 /* Turn the last two rows of a block of A into the equations of sliding,  f_t + df_t = mu (f_n + df_n) along +
@@ -300,39 +328,64 @@ PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size
     for (int i = 0; i < 9; i++) out[i] *= by;
 }
 
-/* Solve by Gauss-Jordan elimination with blocks of three. The pivot rows stay; the last column divided by the
- * diagonal blocks gives the changes. */
+/* Divide a pivot's rows by its block, from the next column on. */
+PLIANT_INLINE void pliant_cone_scale_pivot(const pliant_team *team, double size, int32_t column, int32_t width,
+                                           double *pivot)
+{
+    const int32_t first = column + 3 + team->rank;
+    double inverse[9], *second = pivot + width, *third = second + width;
+    if (first < width) pliant_cone_invert(pivot + column, (size_t)width, size, inverse);
+    for (int32_t k = first; k < width; k += team->size) {
+        const double a = pivot[k], b = second[k], c = third[k];
+        pivot[k] = inverse[0] * a + inverse[1] * b + inverse[2] * c;
+        second[k] = inverse[3] * a + inverse[4] * b + inverse[5] * c;
+        third[k] = inverse[6] * a + inverse[7] * b + inverse[8] * c;
+    }
+    pliant_team_wait();
+}
+
+/* Eliminate a pivot from the three rows of another point. pivot, to: rows; column: of the pivot; first, step: this
+ * thread's columns */
+PLIANT_INLINE void pliant_cone_eliminate_rows(const double *pivot, int32_t column, int32_t width, int32_t first,
+                                              int32_t step, double *to)
+{
+    const double *second = pivot + width, *third = second + width;
+    double by[9], *next = to + width, *last = next + width;
+    for (int c = 0; c < 3; c++) {
+        by[c] = to[column + c];
+        by[3 + c] = next[column + c];
+        by[6 + c] = last[column + c];
+    }
+    for (int32_t k = first; k < width; k += step) {
+        const double a = pivot[k], b = second[k], c = third[k], x = to[k], y = next[k], z = last[k];
+        to[k] = x - (by[0] * a + by[1] * b + by[2] * c);
+        next[k] = y - (by[3] * a + by[4] * b + by[5] * c);
+        last[k] = z - (by[6] * a + by[7] * b + by[8] * c);
+    }
+}
+
+/* Solve by Gauss-Jordan elimination with blocks of three. The last column becomes the changes. */
 PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_cones *on, int32_t points)
 {
     const int32_t rows = 3 * points, width = rows + 1;
-    double inverse[9], *const all = on->equations;
-    for (int32_t p = 0; p < rows; p += 3) {
-        const double *const pivot = all + (size_t)p * (size_t)width;
-        pliant_cone_invert(pivot + p, (size_t)width, on->point[on->list[p / 3]].size, inverse);
+    double *const all = on->equations;
 #ifdef __CUDACC__
-        /* one warp for each row */
-        const int32_t first = team->rank / 32, step = team->size / 32, lane = team->rank % 32, lanes = 32;
+    /* one warp for each point */
+    const int32_t first = team->rank / 32, step = team->size / 32, lane = team->rank % 32, lanes = 32;
 #else
-        const int32_t first = 0, step = 1, lane = 0, lanes = 1;
+    const int32_t first = 0, step = 1, lane = 0, lanes = 1;
 #endif
-        for (int32_t r = first; r < rows; r += step) {
-            double by[3], *to = all + (size_t)r * (size_t)width;
-            if (r >= p && r < p + 3) continue;
-            for (int c = 0; c < 3; c++)
-                by[c] = to[p] * inverse[c] + to[p + 1] * inverse[3 + c] + to[p + 2] * inverse[6 + c];
-            for (int32_t k = p + 3 + lane; k < width; k += lanes)
-                to[k] -= by[0] * pivot[k] + by[1] * pivot[width + k] + by[2] * pivot[2 * width + k];
-        }
+    for (int32_t p = 0; p < points; p++) {
+        double *const pivot = all + 3 * (size_t)p * (size_t)width;
+        pliant_cone_scale_pivot(team, on->point[on->list[p]].size, 3 * p, width, pivot);
+        for (int32_t i = first; i < points; i += step)
+            if (i != p)
+                pliant_cone_eliminate_rows(pivot, 3 * p, width, 3 * p + 3 + lane, lanes,
+                                           all + 3 * (size_t)i * (size_t)width);
         pliant_team_wait();
     }
-    for (int32_t i = team->rank; i < points; i += team->size) {
-        const double *own = all + 3 * (size_t)i * (size_t)width,
-                     right[3] = {own[width - 1], own[2 * width - 1], own[3 * width - 1]};
-        pliant_cone_invert(own + 3 * i, (size_t)width, on->point[on->list[i]].size, inverse);
-        for (int r = 0; r < 3; r++)
-            on->change[3 * (size_t)on->list[i] + (size_t)r] =
-                inverse[3 * r] * right[0] + inverse[3 * r + 1] * right[1] + inverse[3 * r + 2] * right[2];
-    }
+    for (int32_t r = team->rank; r < rows; r += team->size)
+        on->change[3 * on->list[r / 3] + r % 3] = all[(size_t)(r + 1) * (size_t)width - 1];
     pliant_team_wait();
 }
 
@@ -340,16 +393,14 @@ PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_
  * there are too many points. */
 PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_cones *on, double damping)
 {
-    bool opens;
-    const int32_t points = pliant_cones_classify(team, on, &opens);
+    const int32_t points = pliant_cones_classify(team, on);
     if (3 * points > PLIANT_CONE_MAX_ROWS) return false;
     pliant_cones with = *on;
     if (3 * points > on->fast_rows) with.equations = on->large_equations;
-    if (opens) pliant_cones_find_motion(team, on, on->count, NULL);
+    pliant_cones_find_motion(team, on); /* of the points that open */
     pliant_cones_set_equations(team, &with, points, damping);
     pliant_cones_eliminate(team, &with, points);
-    if (opens) pliant_cones_find_motion(team, on, on->count, NULL);
-    else pliant_cones_find_motion(team, on, points, on->list);
+    pliant_cones_find_motion(team, on);
     return true;
 }
 
@@ -394,8 +445,7 @@ PLIANT_INLINE void pliant_cone_sweep_point(const pliant_cones *on, int32_t p, do
     double along[2];
     change[0] = normal - f[0];
     for (int k = 0; k < 2; k++) along[k] = f[1 + k] - (v[1 + k] + n[1 + k] * change[0]) * point->soft[1];
-    const double length = sqrt(along[0] * along[0] + along[1] * along[1]),
-                 part = length > maximum ? maximum / length : 1.0;
+    const double part = pliant_cone_part(along, maximum);
     for (int k = 0; k < 2; k++) change[1 + k] = part * along[k] - f[1 + k];
 }
 
@@ -410,16 +460,39 @@ PLIANT_INLINE void pliant_cone_sweep_fixed_point(const pliant_cones *on, int32_t
         change[k] = -(inverse[3 * k] * v[0] + inverse[3 * k + 1] * v[1] + inverse[3 * k + 2] * v[2]);
 }
 
+/* Return whether a sweep changes nothing at a point. */
+PLIANT_INLINE bool pliant_cone_is_open(const pliant_cones *on, int32_t p)
+{
+    const double *f = on->force + 3 * (size_t)p;
+    return on->friction[p] >= 0 && f[0] == 0 && f[1] == 0 && f[2] == 0 && on->motion[3 * (size_t)p] >= 0;
+}
+
+/* Return the first point from p on that is not open, or the number of points. */
+PLIANT_INLINE int32_t pliant_cones_next(const pliant_team *team, const pliant_cones *on, int32_t p)
+{
+#ifdef __CUDACC__
+    for (; p < on->count; p += 32) {
+        const int32_t own = p + team->rank % 32;
+        const unsigned points = __ballot_sync(0xffffffff, own < on->count && !pliant_cone_is_open(on, own));
+        if (points != 0) return p + __ffs((int)points) - 1;
+    }
+    return on->count;
+#else
+    (void)team;
+    while (p < on->count && pliant_cone_is_open(on, p)) p++;
+    return p;
+#endif
+}
+
 /* Sweep over all points. Return the sum of the squared changes. */
 PLIANT_INLINE double pliant_cones_sweep(const pliant_team *team, const pliant_cones *on)
 {
     const size_t row = 3 * (size_t)on->count;
     double sum = 0;
-    for (int32_t p = 0; p < on->count; p++) {
+    for (int32_t p = 0; (p = pliant_cones_next(team, on, p)) < on->count; p++) {
         double change[3], *f = on->force + 3 * (size_t)p;
         const double *a = on->matrix + 3 * (size_t)p * row, *b = a + row, *c = b + row;
         if (on->friction[p] < 0) pliant_cone_sweep_fixed_point(on, p, change);
-        else if (f[0] == 0 && f[1] == 0 && f[2] == 0 && on->motion[3 * (size_t)p] >= 0) continue; /* open */
         else pliant_cone_sweep_point(on, p, change);
         const double square = change[0] * change[0] + change[1] * change[1] + change[2] * change[2];
         if (square == 0) continue;
@@ -446,7 +519,7 @@ PLIANT_INLINE void pliant_cones_project(const pliant_team *team, const pliant_co
                                           on->change + i);
     }
     pliant_team_wait();
-    pliant_cones_find_motion(team, on, on->count, NULL);
+    pliant_cones_find_motion(team, on);
     pliant_cones_apply_step(team, on, 1.0);
 }
 

@@ -93,9 +93,10 @@ PLIANT_VECTORIZED static int32_t solve(int32_t count, const double *matrix, cons
                        .moved = buffer + row,
                        .equations = rest + (PLIANT_CONE_BUFFER - 6) * row,
                        .fast_rows = PLIANT_CONE_MAX_ROWS};
-    void *points = buffer + 2 * row, *list = buffer + 5 * row;
+    void *points = buffer + 2 * row, *lists = buffer + 5 * row;
     on.point = points;
-    on.list = list;
+    on.list = lists;
+    on.changing = on.list + count;
     const int32_t found = pliant_cones_run(&team, &on);
     return found >= 0 ? found : sweep_mixed(&team, &on, rest) - found - 1;
 }
