@@ -201,8 +201,8 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(REAL, tolerance, 1e-3, 1e-12, 1.0, "",                                                                     \
       "a step stops when the estimated position error divided by the largest displacement is below this value")  \
     X(REAL, budget_ms, 0.0, 0.0, 1e6, "ms",                                                                      \
-      "time limit for the iterations of a step: no iteration starts that would exceed it (on a GPU it limits "   \
-      "only the work for contact); results then depend on the machine; 0: no limit")                             \
+      "time limit for contact and iterations of a step: no iteration starts that would exceed it (on a GPU it "  \
+      "limits only the work for contact); results then depend on the machine; 0: no limit")                      \
     X(INT, history, 6, 0, 20, "",                                                                                \
       "depth of Anderson acceleration; use more for steps with more iterations; 0: fixed-point iterations")      \
     X(PRECONDITIONER, preconditioner, PLIANT_PRECONDITIONER_AUTO, 0, 0, "",                                      \

@@ -66,6 +66,13 @@ PLIANT_INTERNAL pliant_status pliant_data_set_background(pliant_data *data, plia
 /* Return the results that the last step started to use (pliant_background_result bits), for the record of the step. */
 PLIANT_INTERNAL uint32_t pliant_data_get_background_taken(const pliant_data *data);
 
+/* Return the clock's readings of the last step, for the record of the step [count] [s]. Without solver/budget_ms the
+ * clock is not read. They belong to the simulation, and hold until its next step. */
+PLIANT_INTERNAL const double *pliant_data_get_clock(const pliant_data *data, int32_t *count);
+/* Prescribe the clock's readings of the next step, as pliant_data_get_clock returned them for the same step of the
+ * recorded run. Errors: MEMORY. */
+PLIANT_INTERNAL pliant_status pliant_data_prescribe_clock(pliant_data *data, const double *readings, int32_t count);
+
 #ifdef __cplusplus
 }
 #endif

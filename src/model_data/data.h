@@ -3,6 +3,7 @@
 #define PLIANT_MODEL_DATA_DATA_H
 
 #include "base/account.h"
+#include "base/step_clock.h"
 #include "contact/contact.h"
 #include "pliant/contact.h"
 #include "model_data/background.h"
@@ -171,6 +172,7 @@ struct pliant_data {
     void *backend_state;      /* Nullable: the backend's state */
 
     pliant_background background;
+    pliant_step_clock clock;
 
     /* CUT. */
     pliant_undo undo;

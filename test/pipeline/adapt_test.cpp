@@ -310,9 +310,9 @@ double ticks(void *user) { return *static_cast<double *>(user) += 1e-5; }
 double clock_of_test = 0;
 void give_time(Body &body)
 {
-    body.data->solver->budget = 1;
-    body.data->solver->clock = ticks;
-    body.data->solver->clock_user = &clock_of_test;
+    body.data->clock.budget = 1;
+    body.data->clock.now = ticks;
+    body.data->clock.user = &clock_of_test;
 }
 struct FirstStep : testing::TestWithParam<First> {};
 TEST_P(FirstStep, FirstStepRotatesTheHangingPart)

@@ -1,6 +1,7 @@
 // Steps with a budget of one or two evaluations, measured by a simulated clock, so that the machine's load has no
 // effect.
 #include "fem/quasistatic/solver.h"
+#include "model_data/background.h"
 #include "model_data/data.h"
 #include "pliant/pliant.h"
 
@@ -63,8 +64,8 @@ public:
         EXPECT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
         clock.solver = data->solver;
         if (exact) return;
-        data->solver->clock = Clock::tell;
-        data->solver->clock_user = &clock;
+        data->clock.now = Clock::tell;
+        data->clock.user = &clock;
     }
     Phantom(const Phantom &) = delete;
     Phantom &operator=(const Phantom &) = delete;
@@ -193,6 +194,35 @@ TEST(Budget, TheFirstFrameOfTurnedGravityMoves)
         EXPECT_EQ(judged.frozen, 0);
         EXPECT_LT(first, 0.25);
     }
+}
+
+// The times that a step reads from its clock decide how many evaluations it makes. With the same times, another run on
+// a clock of another speed repeats every bit.
+TEST(Budget, TheReadingsOfTheClockRepeatARun)
+{
+    std::vector<std::vector<double>> readings, right;
+    const auto run = [&](double cost, bool prescribes) {
+        Phantom body(false);
+        body.clock.from = cost, body.clock.to = 3 * cost;
+        int equal = 0;
+        for (int f = 0; f < 40; f++) {
+            const double angle = M_PI * f / 40, g[3] = {9.81 * std::sin(angle), 9.81 * std::cos(angle), 0};
+            EXPECT_EQ(pliant_data_set_gravity(body.data, g), PLIANT_OK);
+            if (prescribes)
+                EXPECT_EQ(pliant_data_prescribe_clock(body.data, readings[f].data(), int32_t(readings[f].size())),
+                          PLIANT_OK);
+            const std::vector<double> found = body.solve(false);
+            int32_t count = 0;
+            const double *now = pliant_data_get_clock(body.data, &count);
+            EXPECT_GT(count, 0);
+            if (int(right.size()) == f) right.push_back(found), readings.emplace_back(now, now + count);
+            equal += found == right[f];
+        }
+        return equal;
+    };
+    EXPECT_EQ(run(1, false), 40);
+    EXPECT_EQ(run(0.3, true), 40);
+    EXPECT_LT(run(0.3, false), 40);
 }
 
 } // namespace

@@ -322,7 +322,7 @@ inline Counts run(const Scene &scene, size_t move, pliant_preconditioner_choice 
     body.scene.solver.tolerance = 1e-10;
     good(body.build());
     Clock clock{body.data->solver, 1e-3 / (iterations + 0.5)};
-    if (timed) body.data->solver->clock = Clock::tell, body.data->solver->clock_user = &clock;
+    if (timed) body.data->clock.now = Clock::tell, body.data->clock.user = &clock;
     if (scene.before) scene.before(body);
     const double minimum = body.scene.model.patch > 0 ? 2e-6 : 1e-7; // accuracy of the responses of a patch
     double last = 0;

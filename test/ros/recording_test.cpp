@@ -34,6 +34,7 @@ const Case octree_dynamic{"tled_octree", [](pliant_scene &scene) {
                               dynamic.set(scene);
                               octree.set(scene);
                           }};
+const Case timed{"budget", [](pliant_scene &scene) { scene.solver.budget_ms = 0.3; }};
 const Case tough{"tough", [](pliant_scene &scene) { scene.cut.resistance = 1; }};
 
 enum { HOLD = 0, FIRST = 2, LINE = 9, UNDO = 14, STEPS = 20, MAX_WAITS = 1000 };
@@ -242,18 +243,19 @@ INSTANTIATE_TEST_SUITE_P(Checkpoint, SomeEngines,
                          testing::Values(direct, averaged, patch, tough, dynamic, cubes, octree_dynamic, relaxed),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
-// In a bag of Pliant 0.1.0, steps lack the last two fields and are readable.
-TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
+// In bags of Pliant 0.1.0, steps lack the last field, or the last three, and are readable.
+struct OlderBags : testing::TestWithParam<std::pair<const char *, size_t>> {};
+TEST_P(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
 {
-    const std::string path = testing::TempDir() + "older_bags_" + std::to_string(getpid()) + ".bag",
-                      md5 = "7ea001853a4b85c219a652b58dba7739";
+    const std::string md5 = GetParam().first,
+                      path = testing::TempDir() + "older_bags_" + md5 + std::to_string(getpid()) + ".bag";
     Step step = heard(3);
     step.checksum = 12345;
     step.seconds = {1, 2};
     std::vector<uint8_t> bytes(ros::serialization::serializationLength(step));
     ros::serialization::OStream out(bytes.data(), static_cast<uint32_t>(bytes.size()));
     ros::serialization::serialize(out, step);
-    bytes.resize(bytes.size() - 8);
+    bytes.resize(bytes.size() - GetParam().second);
     {
         rosbag::Bag bag(path, rosbag::bagmode::Write);
         for (const std::string &type : {"pliant/Step", "pliant/Session"}) {
@@ -283,10 +285,13 @@ TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
     EXPECT_NO_THROW(pliant_ros::check_steps({path}, "another topic"));
     std::remove(path.c_str());
 }
+INSTANTIATE_TEST_SUITE_P(Recording, OlderBags,
+                         testing::Values(std::make_pair("7ea001853a4b85c219a652b58dba7739", 12),
+                                         std::make_pair("d1f0eb7fcc3149139caa1f19033b8b65", 4)));
 INSTANTIATE_TEST_SUITE_P(Recording, EveryEngine,
                          testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain,
                                          coarse_hexahedra, schur, schur_hexahedra, patch, patch_hexahedra,
-                                         octree, octree_hexahedra, tough, subdivided, dynamic, cubes, octree_dynamic,
+                                         octree, octree_hexahedra, tough, timed, subdivided, dynamic, cubes, octree_dynamic,
                                          relaxed),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 

@@ -437,7 +437,7 @@ pliant_status pliant_patch_step(pliant_data *data)
     solver->background = &data->background;
     solver->takes_factor = PLIANT_RESULT_PATCH_FACTOR;
     solver->takes_history = PLIANT_RESULT_PATCH_HISTORY;
-    if (data->solver->budget > 0) solver->budget = fmax(pliant_solver_time_left(data->solver), 1e-9);
+    solver->clock = data->solver->clock;
     move_with_coarse_model(patch, data->positions);
     if (patch->is_suspended) {
         pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x,

@@ -84,26 +84,19 @@ static void swap_iterates(pliant_solver *solver)
 
 /* Time limits of a step, and the duration of its evaluations. */
 typedef struct step_time {
-    double start, evaluation_start; /* start of the step, and of its first complete evaluation [s] */
+    double evaluation_start; /* start of the first complete evaluation [s] */
     int32_t whole;                  /* evaluations that included the forces */
     int32_t solved;                 /* evaluations that applied the preconditioner */
     pliant_evaluation_limit limit;
 } step_time;
 
-double pliant_solver_time_left(const pliant_solver *solver) { return solver->budget - solver->spent; }
-
-bool pliant_solver_has_time(const pliant_solver *solver)
-{
-    return !(solver->budget > 0) || pliant_solver_time_left(solver) > 0;
-}
-
 /* Return the number of further evaluations that fit in the budget, or in the limit of even steps. */
 static int32_t affordable(const pliant_solver *solver, const step_time *time, double first_merit)
 {
-    if (!(solver->budget > 0)) return pliant_evaluations_left(&time->limit, time->solved, first_merit);
-    const double now = solver->clock(solver->clock_user),
+    if (!pliant_step_clock_has_limit(solver->clock))
+        return pliant_evaluations_left(&time->limit, time->solved, first_merit);
+    const double now = pliant_step_clock_read(solver->clock), left = solver->clock->budget - now,
                  each = time->whole > 0 ? (now - time->evaluation_start) / time->whole : solver->evaluation_seconds;
-    const double left = time->start + pliant_solver_time_left(solver) - now;
     return each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
 }
 
@@ -179,7 +172,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_known known, step_tim
         if (status != PLIANT_OK) return status;
         time->solved += !first || known != PLIANT_KNOWN_STEP;
         if (!first || known == PLIANT_KNOWN_NOTHING) time->whole++;
-        else time->evaluation_start = solver->clock(solver->clock_user);
+        else time->evaluation_start = pliant_step_clock_read(solver->clock);
         const bool plain =
             !rules->uses_secants && (rules->next == PLIANT_NEXT_TRIAL || rules->next == PLIANT_NEXT_DESCENT);
         const double slope =
@@ -241,8 +234,8 @@ static void evaluate_final_state(pliant_solver *solver, step_time *time)
     const bool evaluated = evaluates ? evaluate_end(solver) : !blind;
     time->whole += evaluates;
     time->solved += evaluates;
-    if (solver->budget > 0 && time->whole > 0)
-        solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->evaluation_start) / time->whole;
+    if (pliant_step_clock_has_limit(solver->clock) && time->whole > 0)
+        solver->evaluation_seconds = (pliant_step_clock_read(solver->clock) - time->evaluation_start) / time->whole;
     pliant_anderson_report_error(&solver->rules, start_is_evaluated,
                                  start_is_evaluated ? pliant_secants_error(solver, &solver->final_state.at) : 0);
     const bool keeps_final_state = evaluated && !solver->system->basis;
@@ -283,7 +276,8 @@ static int32_t first_evaluations(const pliant_solver *solver, const step_time *t
 {
     const pliant_evaluation_limit none = {INT32_MAX, 0};
     const int32_t part = pliant_get_quasistatic_settings().newton_evaluation_fraction;
-    if (!(solver->budget > 0)) return pliant_solver_newton_limit(solver, &time->limit, part);
+    if (!pliant_step_clock_has_limit(solver->clock))
+        return pliant_solver_newton_limit(solver, &time->limit, part);
     const int32_t possible = affordable(solver, time, INFINITY),
                   allowed = pliant_solver_newton_limit(solver, &none, part);
     return possible < allowed ? possible : allowed;
@@ -349,8 +343,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
         if (!grasp->by_force && grasp->count == 0) memset(grasp->force, 0, sizeof grasp->force);
         memcpy(solver->now.force + 3 * t, grasp->force, 3 * sizeof(double));
     }
-    step_time time = {.start = solver->clock(solver->clock_user), .limit = pliant_solver_limit(solver)};
-    time.evaluation_start = time.start;
+    step_time time = {.evaluation_start = pliant_step_clock_read(solver->clock), .limit = pliant_solver_limit(solver)};
     solver->rules.is_bounded = pliant_contact_problem_has_points(solver->contacts);
     solver->rules.is_cycle = !pliant_preconditioner_can_fail(solver->preconditioner);
     status = iterate_from_newton(solver, &time, &statistics->iterations);

@@ -115,11 +115,8 @@ struct pliant_solver {
     int32_t refresh_delay, convert_delay; /* steps until a factor is available, and then until the history is converted
                                            * to it */
     double smallest_scale;
-    double budget;              /* time for the iterations of a step [s]; 0: unlimited */
-    double spent;               /* time that earlier solves of the same step have used [s] */
+    pliant_step_clock *clock;   /* Nullable: steps have no time limit */
     double evaluation_seconds;  /* duration of a complete evaluation in the last step that had one [s] */
-    double (*clock)(void *user); /* clock: the machine's clock, or a test's [s] */
-    void *clock_user;
 
     pliant_preconditioner *preconditioner; /* in use; called "factor" below */
     uint64_t factors;           /* number of factors installed so far; 1: the factor at rest */
@@ -192,10 +189,6 @@ static inline size_t pliant_solver_unknowns(const pliant_solver *solver)
     return 3 * (size_t)solver->system->num_free;
 }
 
-/* Return the time left for the current solve: the budget minus the time of earlier solves of this step [s]. */
-double pliant_solver_time_left(const pliant_solver *solver);
-/* Return whether another solve of this step fits in the budget. Without a budget: true. */
-bool pliant_solver_has_time(const pliant_solver *solver);
 /* Run one step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old state. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 

@@ -14,11 +14,9 @@ static void carry_limits(pliant_solver *solver, const pliant_solver *from)
     solver->rules.log_contraction = from->rules.log_contraction;
     solver->refresh_delay = from->refresh_delay;
     solver->convert_delay = from->convert_delay;
-    solver->budget = from->budget;
     solver->evaluation_seconds = from->evaluation_seconds;
     solver->evaluation_history = from->evaluation_history;
     solver->clock = from->clock;
-    solver->clock_user = from->clock_user;
 }
 
 /* Scale V mu F0 of an element at the preconditioner's state to its present stiffness. */

@@ -1,6 +1,5 @@
 /* Creation and destruction of a solver, and its load. */
 #include "base/fail.h"
-#include "base/clock.h"
 #include "base/buffer.h"
 #include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
@@ -105,12 +104,6 @@ static void set_delays(const pliant_scene *scene, pliant_solver *solver)
         1;
 }
 
-static double wall_clock(void *user)
-{
-    (void)user;
-    return pliant_seconds();
-}
-
 static bool allocate_weights(size_t unknowns, pliant_weight_blocks *out)
 {
     out->block = pliant_calloc(unknowns, 9 * sizeof *out->block);
@@ -132,8 +125,6 @@ pliant_status pliant_solver_create_empty(const pliant_scene *scene, const pliant
     /* Around a patch the merit can become meaningless; the plain step follows directly there. */
     rules->limits_secants = !system->basis;
     rules->tolerance = scene->solver.tolerance;
-    solver->budget = 1e-3 * scene->solver.budget_ms;
-    solver->clock = wall_clock;
     solver->takes_factor = PLIANT_RESULT_FACTOR;
     solver->takes_history = PLIANT_RESULT_HISTORY;
     solver->refresh_interval = scene->solver.refresh_interval;

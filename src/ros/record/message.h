@@ -7,6 +7,7 @@
 #include <pliant/Step.h>
 #include <rosbag/message_instance.h>
 
+#include <set>
 #include <vector>
 
 namespace pliant_ros {
@@ -31,17 +32,19 @@ template <class Message> boost::shared_ptr<const Message> read_message(const ros
     return out;
 }
 
-/* Bags of Pliant 0.1.0 until November 2026 contain Step messages without the last two fields, which become 0. */
+/* Bags of Pliant 0.1.0 until November 2026 contain Step messages without the last field, or without the last three.
+ * These become 0, or empty. */
 template <>
 inline boost::shared_ptr<const pliant::Step> read_message<pliant::Step>(const rosbag::MessageInstance &recorded)
 {
-    const std::string shorter = "7ea001853a4b85c219a652b58dba7739",
-                      type = ros::message_traits::datatype<pliant::Step>(),
+    const std::string type = ros::message_traits::datatype<pliant::Step>(),
                       md5 = ros::message_traits::md5sum<pliant::Step>();
+    const std::set<std::string> readable = {md5, "7ea001853a4b85c219a652b58dba7739", "d1f0eb7fcc3149139caa1f19033b8b65"};
     auto out = boost::make_shared<pliant::Step>();
-    if (recorded.getDataType() != type || (recorded.getMD5Sum() != md5 && recorded.getMD5Sum() != shorter))
+    if (recorded.getDataType() != type || readable.count(recorded.getMD5Sum()) == 0)
         throw Failure(PLIANT_ERROR_FORMAT, other_version(recorded, type, md5));
-    std::vector<uint8_t> bytes(recorded.size() + sizeof out->evaluations + sizeof out->legs);
+    const size_t missing = sizeof out->evaluations + sizeof out->legs + sizeof(uint32_t); /* length of `clock` */
+    std::vector<uint8_t> bytes(recorded.size() + missing);
     ros::serialization::OStream to(bytes.data(), recorded.size());
     recorded.write(to);
     ros::serialization::IStream from(bytes.data(), static_cast<uint32_t>(bytes.size()));

@@ -70,7 +70,9 @@ pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_bac
         apply_tool(model, step.tools[i], data, static_cast<int>(i));
     }
     if (step.paused) return PLIANT_OK;
-    check(pliant_data_set_background(data, kind, kind == PLIANT_BACKGROUND_PRESCRIBED ? step.background : 0));
+    const bool replays = kind == PLIANT_BACKGROUND_PRESCRIBED;
+    check(pliant_data_set_background(data, kind, replays ? step.background : 0));
+    check(pliant_data_prescribe_clock(data, step.clock.data(), replays ? static_cast<int32_t>(step.clock.size()) : 0));
     return pliant_step(&model, data);
 }
 
@@ -84,6 +86,9 @@ void set_step_outcome(pliant_status status, const pliant_data &data, Step *out)
                              3 * static_cast<size_t>(pliant_data_get_body(&data)->fine.num_nodes));
     out->evaluations = static_cast<uint32_t>(statistics.iterations);
     out->legs = static_cast<uint32_t>(statistics.legs);
+    int32_t readings = 0;
+    const double *clock = pliant_data_get_clock(&data, &readings);
+    out->clock.assign(clock, clock + (out->paused ? 0 : readings));
     out->seconds.assign(statistics.seconds, statistics.seconds + PLIANT_NUM_STEP_STAGES);
 }
 

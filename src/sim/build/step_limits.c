@@ -39,3 +39,14 @@ pliant_status pliant_data_set_background(pliant_data *data, pliant_background_ki
 }
 
 uint32_t pliant_data_get_background_taken(const pliant_data *data) { return data->background.taken; }
+
+const double *pliant_data_get_clock(const pliant_data *data, int32_t *count)
+{
+    *count = data->clock.count;
+    return data->clock.reading;
+}
+
+pliant_status pliant_data_prescribe_clock(pliant_data *data, const double *readings, int32_t count)
+{
+    return pliant_step_clock_prescribe(&data->clock, readings, count);
+}

@@ -34,6 +34,7 @@ static pliant_status fill(const pliant_model *model, pliant_data *data)
     data->last_revision = data->body->revision;
     if (!(data->clearance = pliant_clearance_create())) return pliant_fail_memory("the simulation state");
     data->fraction = 1;
+    data->clock.budget = 1e-3 * model->scene.solver.budget_ms;
     data->positions = pliant_calloc_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
     pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data)
                                            : pliant_fail_memory("the simulation state");
@@ -87,6 +88,7 @@ void pliant_data_free(pliant_data *data)
     pliant_clearance_free(data->clearance);
     pliant_legs_free(data);
     pliant_free(data->positions);
+    pliant_free(data->clock.reading);
     pliant_memory_change_reserve(-(int64_t)data->reserved_bytes);
     pliant_free(data);
     pliant_account_close(account);

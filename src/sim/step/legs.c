@@ -553,7 +553,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     if (!holds) budget->left *= 1 - fraction * completed;
     if (!*done && budget->spent >= budget->evaluations)
         statistics->ended = PLIANT_STEP_END_BUDGET;
-    else if (!*done && data->solver && !pliant_solver_has_time(data->solver))
+    else if (!*done && !pliant_step_clock_has_time(&data->clock))
         statistics->ended = PLIANT_STEP_END_TIME;
     else if (budget->blocked == MAX_BLOCKED || statistics->legs == MAX_LEGS || (*done && is_limited))
         statistics->ended = is_limited ? PLIANT_STEP_END_ELEMENTS : PLIANT_STEP_END_BLOCKED;

@@ -130,14 +130,10 @@ static bool searches_in_substeps(const pliant_model *model)
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     const pliant_backend *backend = data->backend;
-    pliant_solver *solver = data->solver;
     if (data->contacts.count > 0 && !backend->state_is_on_host &&
         (!backend->handles_contacts || searches_in_substeps(model)))
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near a contact surface, which only the CPU handles");
-    const double start = solver ? solver->clock(solver->clock_user) : 0;
-    const pliant_status status = backend->solve(model, data);
-    if (solver) solver->spent += solver->clock(solver->clock_user) - start;
-    return status;
+    return backend->solve(model, data);
 }
 
 /* Upsample the solution. A GPU also copies the positions to the host if contact, pieces or patches need them. */
@@ -154,9 +150,7 @@ static pliant_status run_patch_stage(const pliant_model *model, pliant_data *dat
 {
     pliant_status status = PLIANT_OK;
     if (data->patch) {
-        const double start = data->solver->clock(data->solver->clock_user);
         status = pliant_patch_step(data);
-        data->solver->spent += data->solver->clock(data->solver->clock_user) - start;
         pliant_report_grasps(data);
         if (status < 0) return status;
     }
@@ -199,7 +193,7 @@ static pliant_status run_legs(const pliant_model *model, pliant_data *data, plia
     statistics->proxy_error = 0;
     statistics->ended = PLIANT_STEP_END_NONE;
     data->fraction = 1;
-    if (data->solver) data->solver->spent = 0;
+    pliant_step_clock_begin(&data->clock);
     if (!pliant_contact_is_idle(model, data))
         return pliant_legs_run(model, data, completed, run_stages_or_fall_back, warning);
     pliant_legs_skip(model, data);
@@ -229,7 +223,7 @@ static pliant_status step(const pliant_model *model, pliant_data *data, pliant_s
         status = solve_is_done ? pliant_run_stage(model, data, PLIANT_STEP_warp, data->backend->warp)
                                : solve_and_draw(model, data, warning);
     }
-    return status;
+    return status < 0 ? status : pliant_step_clock_end(&data->clock);
 }
 
 static void log_missing(const pliant_data *data)
