@@ -54,10 +54,12 @@ typedef struct pliant_blade {
     int32_t pieces;        /* number after its last cut */
 } pliant_blade;
 
+enum { PLIANT_RESOLVED_CELLS = 2 }; /* a contact of a smaller radius has an inaccurate force, which is warned of */
 /* Depth of the dimple that the mesh cannot form under a tool (sim/step/missing_compliance.h). */
 typedef struct pliant_missing_depth {
     double compliance, jaw_compliance; /* depth over the force [m/N]; the same of the jaws [rad/(N m)] */
     double fraction;                   /* depth over the depth of the whole dimple. 1: it is unknown */
+    double cells;                      /* radius of the narrowest contact over the cell size. 0: it is unknown */
 } pliant_missing_depth;
 
 typedef struct pliant_tool {
@@ -87,6 +89,7 @@ typedef struct pliant_tool {
     /* SHAPE, written by pliant_tool_set_shape, _set_jaw. */
     pliant_tool_shape shape;
     double jaw;            /* angle [rad] */
+    bool warned_of_cells;  /* the log has a warning that a contact is narrow (pliant_contact_warn_of_cells) */
     /* PROXY: the simulated tool. It is at the measured pose unless tissue blocks it (sim/step/proxy.h). For a tool
      * without a shape: the pose at the end of the last step. */
     struct {

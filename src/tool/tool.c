@@ -67,22 +67,28 @@ pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip
     return PLIANT_OK;
 }
 
-/* Log a warning if no contact of the shape's round parts can have a radius of two cells. */
+/* Return the largest radius that a contact of a part can have: a radius, or the second largest of the half sizes [m]. */
+static double widest_contact(const pliant_part *part)
+{
+    const pliant_pose identity = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    double low[3], high[3], half[3];
+    if (part->kind == PLIANT_PART_SPHERE || part->kind == PLIANT_PART_CAPSULE) return part->radius;
+    pliant_part_box(part, &identity, low, high);
+    for (int d = 0; d < 3; d++) half[d] = 0.5 * (high[d] - low[d]);
+    return fmax(fmin(half[0], half[1]), fmin(fmax(half[0], half[1]), half[2]));
+}
+
+/* Log a warning if no contact of the shape can have a radius of two cells. */
 static void warn_of_cells(const pliant_data *data, const pliant_tool *tool)
 {
-    const double enough = 2; /* cells */
     const bool is_coarse = data->body->coarse.num_nodes > 0 && !(data->model->scene.model.patch > 0);
     const double *size = (is_coarse ? &data->body->coarse : &data->body->fine)->cell_size,
                  cell = cbrt(size[0] * size[1] * size[2]);
     double radius = 0;
-    for (int32_t p = 0; p < tool->shape.num_parts; p++) {
-        const pliant_part *part = tool->shape.part + p;
-        if (part->kind != PLIANT_PART_SPHERE && part->kind != PLIANT_PART_CAPSULE) return;
-        radius = fmax(radius, part->radius);
-    }
-    if (!(radius > 0) || radius >= enough * cell) return;
+    for (int32_t p = 0; p < tool->shape.num_parts; p++) radius = fmax(radius, widest_contact(tool->shape.part + p));
+    if (!(radius > 0) || radius >= PLIANT_RESOLVED_CELLS * cell) return;
     pliant_log(PLIANT_LOG_WARNING,
-               "tool %s: its largest radius is %.3g mm, below two cells of %.3g mm, so its contact forces are "
+               "tool %s: its contacts have a radius of at most %.3g mm, below two cells of %.3g mm, so its contact forces are "
                "inaccurate; use contact_force_error, smaller cells (mesh/coarse_cells, mesh/ratio) or model/patch",
                tool->name, 1e3 * radius, 1e3 * cell);
 }
@@ -110,6 +116,7 @@ pliant_status pliant_tool_set_shape(pliant_data *data, int index, const pliant_t
     pliant_tool_shape_retain(shape);
     pliant_tool_shape_free(&tool->shape);
     tool->shape = *shape;
+    tool->warned_of_cells = false;
     warn_of_cells(data, tool);
     return PLIANT_OK;
 }

@@ -42,20 +42,19 @@ double pliant_contact_force_error(const pliant_data *data, int tool)
 
 void pliant_contact_warn_of_cells(pliant_data *data)
 {
-    const double enough = 0.1;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_missing_depth *missing = &data->tools[t].proxy.missing;
         double force[3], torque[3];
-        if (data->legs->has_warned[t] || !(missing->compliance > 0) || missing->fraction < enough) continue;
+        if (data->tools[t].warned_of_cells || !(missing->compliance > 0) || missing->cells >= PLIANT_RESOLVED_CELLS) continue;
         const double error = pliant_contact_force_error(data, t);
         if (!(error > 0)) continue;
-        data->legs->has_warned[t] = true;
+        data->tools[t].warned_of_cells = true;
         pliant_contact_wrench(data, t, force, torque);
         pliant_log(
             PLIANT_LOG_WARNING,
-            "tool %s: its contact is narrow, so the mesh lacks %.0f %% of the dimple under it; its force of %.2g N "
-            "has a standard error of about %.2g N (contact_force_error); use smaller cells (mesh/coarse_cells, "
-            "mesh/ratio) or model/patch",
-            data->tools[t].name, 100 * missing->fraction, pliant_length3(force), error);
+            "tool %s: its contact has a radius of %.2g cells, below two, so the mesh lacks %.0f %% of the dimple under "
+            "it; its force of %.2g N has a standard error of about %.2g N (contact_force_error); use smaller cells "
+            "(mesh/coarse_cells, mesh/ratio) or model/patch",
+            data->tools[t].name, missing->cells, 100 * missing->fraction, pliant_length3(force), error);
     }
 }

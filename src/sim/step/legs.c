@@ -551,7 +551,8 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
         return pliant_legs_add_forces(data, data->fraction);
     }
     if (!holds) budget->left *= 1 - fraction * completed;
-    if (!*done && budget->spent >= budget->evaluations)
+    /* A leg needs two evaluations if it goes back to the state before it. */
+    if (!*done && budget->spent > budget->evaluations - 2)
         statistics->ended = PLIANT_STEP_END_BUDGET;
     else if (!*done && !pliant_step_clock_has_time(&data->clock))
         statistics->ended = PLIANT_STEP_END_TIME;

@@ -66,7 +66,6 @@ struct pliant_legs {
     pliant_rigid_pieces_saved *rigid_pieces;  /* Nullable */
     /* EXPLICIT DYNAMICS: contact points of the step with their mean forces, and a buffer */
     pliant_contacts mean_points, merged;
-    bool has_warned[PLIANT_MAX_TOOLS]; /* pliant_contact_warn_of_cells has logged its warning of the tool */
 };
 
 /* The stages from solve to patch, for one leg. */

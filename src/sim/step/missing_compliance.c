@@ -398,6 +398,7 @@ static double mean_of(double a, double b)
 typedef struct half_space {
     double depth;    /* approach: mean displacement of the surface, and mean height of the part above it [m] */
     double smoothed; /* reduction of the displacement if the mesh smooths the pressure [m] */
+    double radius;   /* smaller half axis of the contact [m] */
     double weight;   /* 1: the contact is narrower than a cell, or the part is flat; 0: many cells are in contact */
 } half_space;
 
@@ -415,11 +416,12 @@ static half_space find_half_space(const profile part[2], double cell, double smo
     const double s[2] = {deviation(axis), deviation(axis + 1)},
                  curved = 0.5 * (sqrt(2 / axis[0].exponent) + sqrt(2 / axis[1].exponent)),
                  kappa = sneddon + curved * (hertz - sneddon), moved = kappa * load / mean_of(s[0], s[1]),
-                 cells = fmin(axis[0].length, axis[1].length) / (resolved * cell),
+                 radius = fmin(axis[0].length, axis[1].length), cells = radius / (resolved * cell),
                  few = 1 / (1 + cells * cells * cells * cells);
     return (half_space){.depth = moved + mean_height(axis) + mean_height(axis + 1),
                         .smoothed = moved - kappa * load /
                                                 mean_of(sqrt(s[0] * s[0] + smoothing), sqrt(s[1] * s[1] + smoothing)),
+                        .radius = radius,
                         .weight = 1 - fmin(curved, 1) * (1 - few)};
 }
 
@@ -467,8 +469,9 @@ static double known_fraction(const pressed_part *of)
 }
 
 /* Return the missing depth over the force, times the present force [m]. The force at the end of the leg is predicted
- * from the distance between the proxy and its goal, as if the rest of the tissue did not yield. */
-static double missing_depth(const pressed_part *of, const pliant_tool_pose *goal, double lattice)
+ * from the distance between the proxy and its goal, as if the rest of the tissue did not yield.
+ * @param radius out: smaller half axis of the contact [m] */
+static double missing_depth(const pressed_part *of, const pliant_tool_pose *goal, double lattice, double *radius)
 {
     const pliant_tool *tool = of->data->tools + of->tool;
     const double slowest = 0.125, present = of->size * of->compliance;
@@ -492,6 +495,7 @@ static double missing_depth(const pressed_part *of, const pliant_tool_pose *goal
         ratio = depth > 0 ? fmax(ratio * pow(depth / found.depth, 1.25), slowest) : slowest;
         found = find_half_space(part, of->cell, smoothing, ratio * present, axis);
     }
+    *radius = found.radius;
     const double missing = found.weight * (found.depth / ratio - lattice) + (1 - found.weight) * found.smoothed / ratio;
     return known_fraction(of) * fmax(missing, 0);
 }
@@ -524,12 +528,13 @@ pliant_status pliant_missing_compliance(const pliant_data *data, int tool, const
     if (!pliant_adds_missing_compliance(data, tool)) return PLIANT_OK;
     for (int32_t p = 0; p < data->tools[tool].shape.num_parts && data->contacts.count > 0; p++) {
         pressed_part part = {.data = data, .mesh = mesh, .tool = tool, .part = p};
-        double lattice, few;
+        double lattice, few, radius = 0;
         if (!find_contact(pose, &part)) continue;
         find_tangents(&part);
         const pliant_status status = lattice_depth(&part, buffer, &lattice, &few);
         if (status != PLIANT_OK) return status;
-        const double missing = few > 0 ? few * missing_depth(&part, goal, lattice) * part.size : 0;
+        const double missing = few > 0 ? few * missing_depth(&part, goal, lattice, &radius) * part.size : 0;
+        if (radius > 0 && !(out->cells > 0 && out->cells < radius / part.cell)) out->cells = radius / part.cell;
         sum += part.size;
         for (int d = 0; d < 3; d++) total[d] += part.force[d];
         work[0] += missing;
