@@ -8,6 +8,7 @@
 #include "warp/warp.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -60,6 +61,15 @@ static bool reserve_capacity(step_times *times)
     return true;
 }
 
+/* Keep the largest contact force of a tool, with its error. */
+static void note_contact(step_times *times, int tool, const pliant_tool_state *state)
+{
+    const double *f = state->contact_force, size = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]);
+    contact_peak *peak = times->contact + tool;
+    if (size > peak->force)
+        *peak = (contact_peak){.force = size, .error = state->contact_force_error, .step = times->num_steps};
+}
+
 pliant_status timing_add(step_times *times, const pliant_data *data, pliant_status status, double seconds)
 {
     const pliant_statistics *statistics = pliant_data_get_statistics(data);
@@ -88,6 +98,7 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
         if (pliant_tool_get(data, n, &tool) < 0) continue;
         const double *contact = tool.contact_force, *torque = tool.contact_torque;
         if (!tool.holding && !tool.cutting && contact[0] == 0 && contact[1] == 0 && contact[2] == 0) continue;
+        note_contact(times, n, &tool);
         const double *at = tool.holding ? tool.held_point : tool.tip;
         fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.4g\n",
                 times->num_steps, tool.name, tool.force[0], tool.force[1], tool.force[2], at[0], at[1], at[2],
@@ -160,6 +171,13 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
         fprintf(file, "patch: %d tools, %d iterations, residual %.2g, moves nodes by up to %.3g mm\n",
                 (int)statistics->patched, (int)statistics->patch_iterations, statistics->patch_residual,
                 1e3 * statistics->patch_moved);
+    for (int n = 0; n < pliant_data_get_num_tools(data); ++n) {
+        const contact_peak *peak = times->contact + n;
+        pliant_tool_state tool;
+        if (peak->force > 0.0 && pliant_tool_get(data, n, &tool) == PLIANT_OK)
+            fprintf(file, "tool %s: largest contact force %.3g N in step %zu, standard error %.2g N\n", tool.name,
+                    peak->force, peak->step, peak->error);
+    }
 }
 
 void timing_warn(const step_times *times, const pliant_model *model, const pliant_data *data)

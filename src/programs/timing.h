@@ -6,6 +6,9 @@
 
 #include <stdio.h>
 
+/* Largest contact force of a tool, and its standard error [N]. */
+typedef struct contact_peak { double force, error; size_t step; } contact_peak;
+
 typedef struct step_times {
     FILE *steps;         /* steps.csv, one row per step */
     FILE *tools;         /* tools.csv, one row per step and tool that grasps, cuts or presses */
@@ -17,6 +20,7 @@ typedef struct step_times {
     double worst_error;        /* maximum error estimate of steps that did not converge [m] */
     size_t inverted_steps;     /* number of steps with inverted elements, and maximum number of inverted elements */
     int32_t max_inverted;
+    contact_peak contact[PLIANT_MAX_TOOLS];
 } step_times;
 
 /* Create folder/steps.csv and tools.csv with their header lines. Errors: FILE. */
