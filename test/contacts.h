@@ -106,7 +106,7 @@ public:
     // Run the stages of a step with these contacts instead of the tools' contacts.
     static pliant_status solve(const pliant_model *model, pliant_data *data)
     {
-        pliant_status status = data->backend->host_solver->interact(model, data);
+        pliant_status status = data->backend->interact(model, data);
         if (status >= 0) status = data->backend->solve(model, data);
         if (status >= 0) data->backend->upsample(model, data);
         if (status >= 0) data->statistics.step++;

@@ -334,6 +334,7 @@ static constexpr pliant_backend table()
     made.restart = restart;
     made.upload_positions = move;
     made.download = download;
+    made.interact = pliant_corotational_interact;
     made.solve = solve;
     made.upsample = upsample;
     made.copy_result_to_host = copy_result_to_host;

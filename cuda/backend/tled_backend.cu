@@ -76,6 +76,7 @@ static constexpr pliant_backend table()
     made.create = create;
     made.free = destroy;
     made.restart = restart;
+    made.interact = pliant_explicit_interact;
     made.solve = solve;
     made.upsample = pliant_tled_upsample;
     made.warp = warp;

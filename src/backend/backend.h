@@ -15,7 +15,7 @@
 extern "C" {
 #endif
 
-/* Host functions of a kind of solver (solver/kind), for all backends. */
+/* The host's state of a kind of solver (solver/kind), which all backends start from. It has no stages of a step. */
 typedef struct pliant_host_solver {
     /* Creates its state in data, at rest. Errors: MEMORY, SCENE. */
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
@@ -24,8 +24,6 @@ typedef struct pliant_host_solver {
     pliant_status (*carry_over_cut)(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
                                     pliant_data *next);
     pliant_status (*reset)(pliant_data *data); /* resets to rest. Errors: MEMORY (nothing changed) */
-    /* Stage interact of a step: sets the pull of the tools. */
-    pliant_status (*interact)(const pliant_model *model, pliant_data *data);
     /* Sets data's positions as well. */
     void (*set_positions)(const pliant_model *model, pliant_data *data, const double *positions);
     void (*limits)(pliant_data *data, int iterations, double tolerance);
@@ -66,7 +64,8 @@ struct pliant_backend {
     /* Copies the state of the last step to the host's solver; NULL: it is there already. */
     void (*download)(const pliant_model *model, pliant_data *data);
 
-    /* STAGES, each starting from the result of the stage before. */
+    /* STAGES, each starting from the result of the stage before. interact sets the pull of the tools, on the host. */
+    pliant_status (*interact)(const pliant_model *model, pliant_data *data);
     pliant_status (*solve)(const pliant_model *model, pliant_data *data);
     pliant_status (*upsample)(const pliant_model *model, pliant_data *data);
     /* Copies the step's result to the host, after upsample and before later stages. Nullable: it is there already. */
@@ -89,8 +88,11 @@ extern const pliant_backend pliant_tled_backend; /* explicit dynamics on the CPU
 bool pliant_cpu_probe(char *text, size_t size);
 pliant_status pliant_cpu_skip_stage(const pliant_model *model, pliant_data *data);
 pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data);
-/* Explicit dynamics: compute positions from displacements, and the tools' reports. */
+/* Explicit dynamics: set the pull of the tools; compute positions from displacements, and the tools' reports. */
+pliant_status pliant_explicit_interact(const pliant_model *model, pliant_data *data);
 pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data);
+/* Corotational: set the pull of the tools. */
+pliant_status pliant_corotational_interact(const pliant_model *model, pliant_data *data);
 
 /* Set the grasp constraint and target of a tool before the corotational solve. Errors: MEMORY. */
 pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data *data, int tool);

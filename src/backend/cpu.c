@@ -129,7 +129,7 @@ void pliant_report_grasps(pliant_data *data)
 
 /* ---- Stages. */
 
-static pliant_status interact(const pliant_model *model, pliant_data *data)
+pliant_status pliant_corotational_interact(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = data->patch ? pliant_patch_begin(data) : PLIANT_OK;
     if (status != PLIANT_OK) return status;
@@ -231,7 +231,6 @@ const pliant_host_solver pliant_corotational = {
     .create = create,
     .carry_over_cut = carry_over_cut,
     .reset = reset,
-    .interact = interact,
     .set_positions = set_positions,
     .limits = limits,
     .discard_results = discard_results,
@@ -246,6 +245,7 @@ const pliant_backend pliant_cpu_backend = {
     .probe = pliant_cpu_probe,
     .create = pliant_cpu_skip_stage,
     .restart = pliant_cpu_skip_stage,
+    .interact = pliant_corotational_interact,
     .solve = solve,
     .upsample = upsample,
     .warp = pliant_cpu_warp,

@@ -43,7 +43,7 @@ static pliant_status reset(pliant_data *data)
     return PLIANT_OK;
 }
 
-static pliant_status interact(const pliant_model *model, pliant_data *data)
+pliant_status pliant_explicit_interact(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     pliant_tled_interact(data->tled, data->gravity, data->tools, data->num_tools);
@@ -66,7 +66,6 @@ const pliant_host_solver pliant_explicit = {
     .create = create,
     .carry_over_cut = carry_over_cut,
     .reset = reset,
-    .interact = interact,
     .set_positions = set_positions,
     .limits = limits,
     .cpu = &pliant_tled_backend,
@@ -80,6 +79,7 @@ const pliant_backend pliant_tled_backend = {
     .probe = pliant_cpu_probe,
     .create = pliant_cpu_skip_stage,
     .restart = pliant_cpu_skip_stage,
+    .interact = pliant_explicit_interact,
     .solve = solve,
     .upsample = pliant_tled_upsample,
     .warp = pliant_cpu_warp,

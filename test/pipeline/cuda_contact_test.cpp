@@ -35,7 +35,7 @@ TEST(CudaContact, MeetsTheCpu)
         for (int s = 1; s <= 11; s++) {
             for (Block *body : {&cpu, &gpu, &again}) {
                 body->move(s);
-                ASSERT_EQ(body->data->backend->host_solver->interact(body->model, body->data), PLIANT_OK);
+                ASSERT_EQ(body->data->backend->interact(body->model, body->data), PLIANT_OK);
             }
             for (auto *body : {&again, &gpu, &cpu})
                 ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
@@ -233,7 +233,7 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
                     ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK) << pliant_last_error();
             for (Block *body : {&cpu, &gpu, &again}) {
                 body->move(std::min(s, 7));
-                ASSERT_EQ(body->data->backend->host_solver->interact(body->model, body->data), PLIANT_OK);
+                ASSERT_EQ(body->data->backend->interact(body->model, body->data), PLIANT_OK);
             }
             for (auto *body : {&again, &gpu, &cpu})
                 ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
@@ -291,7 +291,7 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             ASSERT_GE(pliant_step(alone.model, alone.data), 0) << pliant_last_error();
             ASSERT_STREQ(pliant_data_get_backend(alone.data), "cuda") << s;
             for (Drop *body : {&cpu, &gpu})
-                ASSERT_EQ(body->data->backend->host_solver->interact(body->model, body->data), PLIANT_OK);
+                ASSERT_EQ(body->data->backend->interact(body->model, body->data), PLIANT_OK);
             for (auto *body : {&gpu, &cpu})
                 ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
             copy_contacts(cpu.data, gpu.model, gpu.data);

@@ -117,7 +117,7 @@ pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3]
 static pliant_status interact(const pliant_model *model, pliant_data *data)
 {
     for (int t = 0; t < data->num_tools; t++) pliant_tool_slip(&model->scene, data, t);
-    return data->backend->host_solver->interact(model, data);
+    return data->backend->interact(model, data);
 }
 
 /* contact/response: paper without delay detects overlaps in every sub-step */
