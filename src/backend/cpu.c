@@ -169,7 +169,6 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
 {
     const pliant_discretization *discretization = data->discretization;
     pliant_status status = pliant_solver_create(&model->scene, discretization->system, &data->solver);
-    if (status == PLIANT_OK) data->solver->clock = &data->clock;
     return status == PLIANT_OK && discretization->fine_system
                ? pliant_patch_create(&model->scene, discretization, &data->patch)
                : status;

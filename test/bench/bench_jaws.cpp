@@ -1,12 +1,12 @@
-// Each instrument with jaws closes on the tip of the phantom's liver (launch/scenes/grasp.yaml), from 1.0 to -0.3 rad in
-// 2 s at 50 Hz, and lifts it by 10 mm in 1 s. Scissors do so without and with their blade.
+// Each instrument with jaws closes on the tip of the phantom's liver (launch/scenes/grasp.yaml), from 1.0 to -0.3 rad
+// in 2 s at 50 Hz, and lifts it by 10 mm in 1 s. Scissors do so without and with their blade.
 //
 // Usage:
 //   bench_jaws [instrument ...]     default: all; set OMP_NUM_THREADS=1 for CPU times of one thread
 //
-// The table shows, for each instrument: worst and median CPU time of steps while the jaws touch tissue; most evaluations
-// of a step; inverted elements, maximum; largest torque about the jaws' joint over contact/grip_torque; height by which
-// the liver's tip is lifted.
+// The table shows, for each instrument: worst and median CPU time of steps while the jaws touch tissue; most
+// evaluations of a step; inverted elements, maximum; largest torque about the jaws' joint over contact/grip_torque;
+// height by which the liver's tip is lifted.
 #include "figure.h"
 #include "model_data/data.h"
 #include "pliant/pliant.h"

@@ -291,8 +291,8 @@ INSTANTIATE_TEST_SUITE_P(Recording, OlderBags,
 INSTANTIATE_TEST_SUITE_P(Recording, EveryEngine,
                          testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain,
                                          coarse_hexahedra, schur, schur_hexahedra, patch, patch_hexahedra,
-                                         octree, octree_hexahedra, tough, timed, subdivided, dynamic, cubes, octree_dynamic,
-                                         relaxed),
+                                         octree, octree_hexahedra, tough, timed, subdivided, dynamic, cubes,
+                                         octree_dynamic, relaxed),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
 // a scan in a separate folder

@@ -115,7 +115,7 @@ struct pliant_solver {
     int32_t refresh_delay, convert_delay; /* steps until a factor is available, and then until the history is converted
                                            * to it */
     double smallest_scale;
-    pliant_step_clock *clock;   /* Nullable: steps have no time limit */
+    pliant_step_clock *clock;   /* Nullable: no time limit. Set at the start of every step. */
     double evaluation_seconds;  /* duration of a complete evaluation in the last step that had one [s] */
 
     pliant_preconditioner *preconditioner; /* in use; called "factor" below */

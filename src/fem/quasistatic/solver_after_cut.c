@@ -16,7 +16,6 @@ static void carry_limits(pliant_solver *solver, const pliant_solver *from)
     solver->convert_delay = from->convert_delay;
     solver->evaluation_seconds = from->evaluation_seconds;
     solver->evaluation_history = from->evaluation_history;
-    solver->clock = from->clock;
 }
 
 /* Scale V mu F0 of an element at the preconditioner's state to its present stiffness. */

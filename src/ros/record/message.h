@@ -39,7 +39,8 @@ inline boost::shared_ptr<const pliant::Step> read_message<pliant::Step>(const ro
 {
     const std::string type = ros::message_traits::datatype<pliant::Step>(),
                       md5 = ros::message_traits::md5sum<pliant::Step>();
-    const std::set<std::string> readable = {md5, "7ea001853a4b85c219a652b58dba7739", "d1f0eb7fcc3149139caa1f19033b8b65"};
+    const std::set<std::string> readable = {md5, "7ea001853a4b85c219a652b58dba7739",
+                                            "d1f0eb7fcc3149139caa1f19033b8b65"};
     auto out = boost::make_shared<pliant::Step>();
     if (recorded.getDataType() != type || readable.count(recorded.getMD5Sum()) == 0)
         throw Failure(PLIANT_ERROR_FORMAT, other_version(recorded, type, md5));

@@ -45,7 +45,8 @@ void pliant_contact_warn_of_cells(pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_missing_depth *missing = &data->tools[t].proxy.missing;
         double force[3], torque[3];
-        if (data->tools[t].warned_of_cells || !(missing->compliance > 0) || missing->cells >= PLIANT_RESOLVED_CELLS) continue;
+        if (data->tools[t].warned_of_cells || !(missing->compliance > 0) || missing->cells >= PLIANT_RESOLVED_CELLS)
+            continue;
         const double error = pliant_contact_force_error(data, t);
         if (!(error > 0)) continue;
         data->tools[t].warned_of_cells = true;

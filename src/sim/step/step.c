@@ -193,6 +193,7 @@ static pliant_status run_legs(const pliant_model *model, pliant_data *data, plia
     statistics->proxy_error = 0;
     statistics->ended = PLIANT_STEP_END_NONE;
     data->fraction = 1;
+    if (data->solver) data->solver->clock = &data->clock;
     pliant_step_clock_begin(&data->clock);
     if (!pliant_contact_is_idle(model, data))
         return pliant_legs_run(model, data, completed, run_stages_or_fall_back, warning);
