@@ -139,6 +139,16 @@ TEST(ContactTled, SoftCubesThrownAtAMovingToolGainNoEnergy)
             EXPECT_LT(energy_ratio(with), 1.001) << name_of(with) << ", throw " << with.seed;
 }
 
+// Impacts at a third of the speed of waves, and cubes that interlock.
+TEST(ContactTled, CubesThrownAtEachOtherGainNoEnergy)
+{
+    const std::pair<double, unsigned> throws[] = {{3e3, 25}, {3e3, 50}, {3e3, 174}, {10e3, 94}, {10e3, 136}};
+    for (const auto &one : throws) {
+        const Throw with = {Target::Cube, 0, 0, 0, one.first, one.second};
+        EXPECT_LT(energy_ratio(with), 1.001) << name_of(with) << ", throw " << with.seed;
+    }
+}
+
 // A ball presses soft tissue at 0.5 m/s and leaves. Sub-steps are shorter from before the contact until the tissue has
 // come to rest.
 TEST(ContactTled, AFastToolShortensTheSubStepsForAWhile)

@@ -20,14 +20,15 @@ static int32_t num_nodes(const pliant_impact_zones *zones) { return zones->tissu
 
 void pliant_impact_zones_free(pliant_impact_zones *zones)
 {
-    PLIANT_FREE(zones->pair, zones->blocked, zones->before, zones->start, zones->wanted[0], zones->wanted[1],
-                zones->from, zones->to, zones->root, zones->zone);
+    PLIANT_FREE(zones->pair, zones->blocked, zones->before, zones->center, zones->start, zones->wanted[0],
+                zones->wanted[1], zones->from, zones->to, zones->root, zones->zone);
     memset(zones, 0, sizeof *zones);
 }
 
 static pliant_status reserve(pliant_impact_zones *zones, size_t nodes)
 {
     return pliant_ensure(&zones->before, 3 * nodes, sizeof *zones->before) &&
+                   pliant_ensure(&zones->center, 3 * nodes, sizeof *zones->center) &&
                    pliant_ensure(&zones->start, 3 * nodes, sizeof *zones->start) &&
                    pliant_ensure(&zones->wanted[0], 3 * nodes, sizeof *zones->wanted[0]) &&
                    pliant_ensure(&zones->wanted[1], 3 * nodes, sizeof *zones->wanted[1]) &&
@@ -104,6 +105,11 @@ void pliant_impact_zones_begin(pliant_impact_zones *zones, const double *u)
     memcpy(zones->before, u, bytes);
     if (zones->motion > 0) list_pairs(zones, 0); /* after a rollback */
     memcpy(zones->start, u, bytes);
+}
+
+void pliant_impact_zones_accelerate(pliant_impact_zones *zones, double step, const double *acceleration)
+{
+    for (size_t i = 0; i < 3 * (size_t)num_nodes(zones); i++) zones->center[i] = 0.5 * step * step * acceleration[i];
 }
 
 /* Return a bound of the motion of two nodes relative to each other: the diagonal of the box around all motions [m]. */
@@ -250,12 +256,13 @@ static int find_weights(const pliant_impact_zones *zones, const pliant_advance_s
 }
 
 /* Reduce the approach of a pair to the fraction that is free, by an impulse along the line between its closest
- * points. */
+ * points. The energy of increments d is (d - c)' M (d - c) / 2 h^2 plus a constant, with the increments c of least
+ * energy. The impulse at most reverses the approach d - c of the pair, so that it adds no energy. */
 static void apply_impulse(pliant_impact_zones *zones, int32_t n, const double *inverse_mass, double *u, double *d)
 {
     const pliant_advance_self_pair *pair = pair_at(zones, n);
     int32_t node[16];
-    double weight[16], normal[3], approach = 0, speed = 0, compliance = 0;
+    double weight[16], normal[3], approach = 0, speed = 0, excess = 0, compliance = 0;
     (void)free_fraction(zones, n, u);
     if (!(pair->t < 1)) return;
     const int count = find_weights(zones, pair, node, weight, normal);
@@ -265,14 +272,18 @@ static void apply_impulse(pliant_impact_zones *zones, int32_t n, const double *i
         for (size_t c = 0; c < 3; c++) {
             approach -= weight[k] * normal[c] * (u[at + c] - zones->before[at + c]);
             speed -= weight[k] * normal[c] * d[at + c];
+            excess -= weight[k] * normal[c] * (d[at + c] - zones->center[at + c]);
         }
     }
     if (!(approach > 0) || !(compliance > 0)) return;
+    const double wanted = (1 - pair->t) * fmax(speed, 0) /* not what moved overlaps apart */,
+                 slowed = fmin(wanted, 2 * fmax(excess, 0)),
+                 moved = fmax((1 - pair->t) * approach - (wanted - slowed), 0);
     for (int k = 0; k < count; k++) {
-        const double share = (1 - pair->t) / compliance * weight[k] * inverse_mass[node[k]];
+        const double share = weight[k] * inverse_mass[node[k]] / compliance;
         for (size_t c = 0; c < 3; c++) {
-            u[3 * (size_t)node[k] + c] += share * approach * normal[c];
-            d[3 * (size_t)node[k] + c] += share * fmax(speed, 0) * normal[c]; /* not what moved overlaps apart */
+            u[3 * (size_t)node[k] + c] += share * moved * normal[c];
+            d[3 * (size_t)node[k] + c] += share * slowed * normal[c];
         }
     }
 }
@@ -290,7 +301,7 @@ static void join_pair(pliant_impact_zones *zones, int32_t n)
     }
 }
 
-/* Compute the mean motion of each zone. */
+/* Compute the free fraction of each zone, and its mean motion. */
 static void find_means(pliant_impact_zones *zones, const double *inverse_mass)
 {
     const int32_t nodes = num_nodes(zones);
@@ -313,6 +324,7 @@ static void find_means(pliant_impact_zones *zones, const double *inverse_mass)
             const size_t at = 3 * (size_t)n + d;
             zone->motion[d] += (zones->wanted[0][at] - zones->before[at]) / inverse_mass[n];
             zone->increment[d] += zones->wanted[1][at] / inverse_mass[n];
+            zone->center[d] += zones->center[at] / inverse_mass[n];
         }
     }
     for (int32_t n = 0; n < nodes; n++)
@@ -321,6 +333,33 @@ static void find_means(pliant_impact_zones *zones, const double *inverse_mass)
             const bool moves = !zone->is_fixed && zone->mass > 0;
             zone->motion[d] = moves ? zone->motion[d] / zone->mass : 0;
             zone->increment[d] = moves ? zone->increment[d] / zone->mass : 0;
+            zone->center[d] = moves ? zone->center[d] / zone->mass : 0;
+        }
+}
+
+/* Find the fraction of its velocities that each zone keeps, so that it adds no energy.
+ *
+ * A shorter motion of strained tissue can raise the energy (apply_impulse). At the start of the next sub-step, the
+ * energy of the same increments is (d + c)' M (d + c) / 2 h^2 plus a constant. The zone has hardly moved, so c is
+ * nearly the same. The zone shortens d + c until the gain is lost. */
+static void find_kept(pliant_impact_zones *zones, const double *inverse_mass)
+{
+    const int32_t nodes = num_nodes(zones);
+    for (int32_t n = 0; n < nodes; n++) {
+        if (zones->root[n] < 0 || !(inverse_mass[n] > 0)) continue;
+        pliant_impact_zone *zone = zones->zone + pliant_set_root(zones->root, n);
+        for (size_t k = 0; k < 3; k++) {
+            const size_t at = 3 * (size_t)n + k;
+            const double wanted = zones->wanted[1][at] - zone->increment[k], d = zone->t * wanted,
+                         c = zones->center[at] - zone->center[k];
+            zone->gain += ((d - c) * (d - c) - (wanted - c) * (wanted - c)) / inverse_mass[n];
+            zone->energy += (d + c) * (d + c) / inverse_mass[n];
+        }
+    }
+    for (int32_t n = 0; n < nodes; n++)
+        if (zones->root[n] == n) {
+            pliant_impact_zone *zone = zones->zone + n;
+            zone->kept = zone->gain > 0 ? sqrt(fmax(1 - zone->gain / zone->energy, 0)) : 1;
         }
 }
 
@@ -328,14 +367,17 @@ static void find_means(pliant_impact_zones *zones, const double *inverse_mass)
 static void move_zones(pliant_impact_zones *zones, const double *inverse_mass, double *u, double *d)
 {
     find_means(zones, inverse_mass);
+    find_kept(zones, inverse_mass);
     for (int32_t n = 0; n < num_nodes(zones); n++) {
         if (zones->root[n] < 0 || !(inverse_mass[n] > 0)) continue;
         const pliant_impact_zone *zone = zones->zone + pliant_set_root(zones->root, n);
         for (size_t k = 0; k < 3; k++) {
             const size_t at = 3 * (size_t)n + k;
-            const double motion = zones->wanted[0][at] - zones->before[at];
+            const double motion = zones->wanted[0][at] - zones->before[at],
+                         increment = zone->t * (zones->wanted[1][at] - zone->increment[k]),
+                         lost = (1 - zone->kept) * (increment + zones->center[at] - zone->center[k]);
             u[at] = zones->before[at] + zone->motion[k] + zone->t * (motion - zone->motion[k]);
-            d[at] = zone->increment[k] + zone->t * (zones->wanted[1][at] - zone->increment[k]);
+            d[at] = zone->increment[k] + increment - lost;
         }
     }
 }

@@ -367,7 +367,7 @@ PLIANT_INLINE double pliant_tled_contact_finish(const pliant_tled_contact_nodes 
                                                 pliant_tled_contact *contact)
 {
     const double w = contact->weighted_inverse_mass;
-    double y[3], moved[3], slip[3], shift[3], pressure = 0, square = 0, far = 0, load = 0;
+    double y[3], moved[3], slip[3], shift[3], apart = 0, pressure = 0, square = 0, far = 0, load = 0;
     if (!(w > 0)) return 0;
     const double gap = pliant_tled_contact_gap(nodes, time, point, contact, y, moved);
     pliant_tled_contact_slip(point, contact, y, slip);
@@ -375,13 +375,17 @@ PLIANT_INLINE double pliant_tled_contact_finish(const pliant_tled_contact_nodes 
         pressure += point->normal[d] * contact->impulse[d];
         square += contact->impulse[d] * contact->impulse[d];
         far += slip[d] * slip[d];
+        apart += point->normal[d] * y[d];
     }
+    /* Sides that began the frame apart have slid off each other. Then the gap between their planes is no depth. */
+    const bool are_beside = contact->has_sides && !(contact->initial_depth > 0) && apart < 0;
     contact->is_pressed = pressure > 0 || gap < 0;
     for (int d = 0; d < 3 && !contact->is_pressed; d++) contact->anchor[d] = y[d];
     if (!contact->is_pressed) return 0;
     const double friction = point->friction * pressure - sqrt(fmax(square - pressure * pressure, 0.0)),
                  left = fmax(friction, 0.0) * w, back = far > left * left ? left / sqrt(far) : 1,
-                 out = pliant_tled_contact_affordable_shift(time, point->normal, fmax(-gap, 0.0), moved, contact);
+                 depth = are_beside ? 0.0 : fmax(-gap, 0.0),
+                 out = pliant_tled_contact_affordable_shift(time, point->normal, depth, moved, contact);
     for (int d = 0; d < 3; d++) {
         const double force = contact->impulse[d] / time->factor;
         contact->force[d] += force;

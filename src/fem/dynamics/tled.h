@@ -115,7 +115,6 @@ struct pliant_tled {
     int32_t substeps_done, part;
     /* Sub-steps after this part in which a tool that holds, and has jumped, still reaches its target. */
     int32_t substeps_after_part[PLIANT_MAX_TOOLS];
-    bool keeps_substep; /* true: a sub-step that is too long fails instead of being halved */
     /* Number of halvings of the initial sub-step, for fast tools, and after elements strained too fast for it. */
     int32_t halvings;
     double time_step;                       /* [s] */

@@ -226,6 +226,10 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
             advance(tled, rule, chunk);
             if (!acted) settle(tled, rule, chunk);
         }
+        if (tled->zones) {
+#pragma omp single
+            pliant_impact_zones_accelerate(tled->zones, tled->time_step, tled->acceleration);
+        }
         if (acted) {
 #pragma omp single
             {
@@ -391,9 +395,8 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
             return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
         }
         if (system->quasi_static) pliant_tled_stop_motion(tled);
-        if (system->quasi_static || tled->keeps_substep ||
-            tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MAX_HALVINGS ||
-            tled->halvings >= ALL_HALVINGS) {
+        if (system->quasi_static || tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) ||
+            halvings == MAX_HALVINGS || tled->halvings >= ALL_HALVINGS) {
             status = diverged(tled, frame.steps);
         } else {
             pliant_tled_halve(tled);

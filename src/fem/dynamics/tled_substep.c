@@ -92,7 +92,7 @@ static double smallest_height(const pliant_tled *tled)
 bool pliant_tled_choose_substep(pliant_tled *tled, double motion)
 {
     const double before = tled->time_step, maximum = max_motion * tled->shortest_edge, low = 0.4; /* of the maximum */
-    if (tled->system->quasi_static || tled->keeps_substep) return false;
+    if (tled->system->quasi_static) return false;
     for (double left = motion; left > maximum && tled->halvings < MAX_HALVINGS; left *= 0.5) scale(tled, true);
     if (tled->time_step == before && tled->halvings > 0 && tled->substeps_done == 0 && motion < low * maximum &&
         largest_strain(tled) < low * max_motion &&
