@@ -82,30 +82,45 @@ static pliant_status add_weight(pliant_contact_problem *contacts, int32_t unknow
     return PLIANT_OK;
 }
 
+/* Add the weights of fine nodes that move with the solved mesh.
+ * @param by 3 x 3 matrix that multiplies the blocks from the left; NULL: the identity */
+static pliant_status add_upsampled_weights(pliant_solver *solver, int32_t count, const int32_t *node,
+                                           const double *weight, const double *by)
+{
+    pliant_weight_blocks *blocks = &solver->weights;
+    pliant_status status = PLIANT_OK;
+    pliant_upsample_weights(solver->system, solver->now.x, count, node, weight, blocks);
+    pliant_weight_blocks_sort(blocks);
+    for (int32_t n = 0; n < blocks->count && status == PLIANT_OK; n++) {
+        const double *block = blocks->block + 9 * (size_t)blocks->unknown[n];
+        double product[9];
+        for (int m = 0; m < 9 && by; m++)
+            product[m] = by[m - m % 3] * block[m % 3] + by[m - m % 3 + 1] * block[3 + m % 3] +
+                         by[m - m % 3 + 2] * block[6 + m % 3];
+        status = add_weight(solver->contacts, blocks->unknown[n], by ? product : block);
+    }
+    pliant_weight_blocks_clear(blocks);
+    return status;
+}
+
+/* Add the weights of a point. The gap of an element has the gradient of its volume instead of the weights. */
 static pliant_status add_weights(pliant_solver *solver, const pliant_contact_point *point, const double *fine_positions)
 {
     const pliant_system *system = solver->system;
-    pliant_contact_problem *contacts = solver->contacts;
-    pliant_weight_blocks *blocks = &solver->weights;
+    const bool keeps_volume = point->kind == PLIANT_OBSTACLE_ELEMENT, is_fine = pliant_solves_fine(system);
+    const double one = 1, *n = point->normal;
+    double gradient[4][3];
     pliant_status status = PLIANT_OK;
-    if (pliant_solves_fine(system)) {
-        double gradient[4][3];
-        const bool keeps_volume = point->kind == PLIANT_OBSTACLE_ELEMENT;
-        if (keeps_volume) pliant_volume_gradient(point, fine_positions, gradient);
-        for (int32_t k = 0; k < point->count && status == PLIANT_OK; k++) {
-            const double w = point->weight[k], *n = point->normal;
-            double block[9] = {w, 0, 0, 0, w, 0, 0, 0, w};
-            for (int m = 0; m < 9 && keeps_volume; m++) block[m] += n[m / 3] * (gradient[k][m % 3] - w * n[m % 3]);
-            const int32_t unknown = system->free_of_node[point->node[k]];
-            if (unknown >= 0 && (w != 0 || keeps_volume)) status = add_weight(contacts, unknown, block);
-        }
-        return status;
+    if (!keeps_volume && !is_fine) return add_upsampled_weights(solver, point->count, point->node, point->weight, NULL);
+    if (keeps_volume) pliant_volume_gradient(point, fine_positions, gradient);
+    for (int32_t k = 0; k < point->count && status == PLIANT_OK; k++) {
+        const double w = point->weight[k];
+        double block[9] = {w, 0, 0, 0, w, 0, 0, 0, w};
+        for (int m = 0; m < 9 && keeps_volume; m++) block[m] += n[m / 3] * (gradient[k][m % 3] - w * n[m % 3]);
+        const int32_t unknown = is_fine ? system->free_of_node[point->node[k]] : -1;
+        if (!is_fine) status = add_upsampled_weights(solver, 1, point->node + k, &one, block);
+        else if (unknown >= 0 && (w != 0 || keeps_volume)) status = add_weight(solver->contacts, unknown, block);
     }
-    pliant_upsample_weights(system, solver->now.x, point->count, point->node, point->weight, blocks);
-    pliant_weight_blocks_sort(blocks);
-    for (int32_t n = 0; n < blocks->count && status == PLIANT_OK; n++)
-        status = add_weight(contacts, blocks->unknown[n], blocks->block + 9 * (size_t)blocks->unknown[n]);
-    pliant_weight_blocks_clear(blocks);
     return status;
 }
 

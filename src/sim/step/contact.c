@@ -104,7 +104,7 @@ static void gather_parts(const pliant_model *model, pliant_data *data)
 static bool keeps_volumes_of_pull(const pliant_model *model, const pliant_data *data)
 {
     bool any = false;
-    if (!pliant_contact_bounds_volumes(data) || model->scene.mesh.keep_air) return false;
+    if (model->scene.mesh.keep_air) return false;
     for (int t = 0; t < data->num_tools; t++) any = any || (data->tools[t].present && data->tools[t].holding);
     return any;
 }
@@ -242,11 +242,6 @@ const int32_t *pliant_contact_pieces(const pliant_data *data)
     return data->rigid_pieces ? pliant_rigid_pieces_bodies(data->rigid_pieces)->of_node : NULL;
 }
 
-bool pliant_contact_bounds_volumes(const pliant_data *data)
-{
-    return data->solver && pliant_solves_fine(data->solver->system) && pliant_patch_count_tools(data) == 0;
-}
-
 bool pliant_contact_may_have_small_elements(const pliant_model *model, pliant_data *data, bool in_leg)
 {
     return !data->backend->may_have_small_elements || data->backend->may_have_small_elements(model, data, in_leg);
@@ -277,7 +272,7 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
     if (status == PLIANT_OK && !are_reused) status = find_points(model, data, body, max_piece_motion);
     if (status != PLIANT_OK) return status;
     const int32_t first = are_reused ? search->point_buffer.count : 0;
-    if (pliant_contact_bounds_volumes(data)) status = find_small_elements(model, data);
+    status = find_small_elements(model, data);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, first, &search->point_buffer);
     pliant_contacts_swap(&data->contacts, &search->point_buffer);

@@ -39,9 +39,6 @@ bool pliant_contact_is_near(pliant_data *data, const pliant_tool *tool, const pl
                             const pliant_tool_pose *to);
 /* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces. */
 const int32_t *pliant_contact_pieces(const pliant_data *data);
-/* Return whether the volume bound applies (contact/volume/volume_bound.h): to tetrahedra, and to the five tetrahedra of
- * each hexahedron, of a fine mesh that the solver moves without a patch. */
-bool pliant_contact_bounds_volumes(const pliant_data *data);
 /* Return whether an element may be small (backend.h). False: the volume bound has nothing to do. */
 bool pliant_contact_may_have_small_elements(const pliant_model *model, pliant_data *data, bool in_leg);
 /* Discard all contact points. */

@@ -392,15 +392,22 @@ static pliant_status apply_checked_fraction(const pliant_model *model, pliant_da
     return status;
 }
 
-/* Apply the volume bound: shorten the motion of the nodes of small elements. After a blocked leg, shorten the motion
- * of all nodes alike, because the linear model that made it holds for small motions only. The same is done for coarse
- * methods and patches, whose fine nodes move together, and if no motion of single nodes is found. */
+/* Return whether the method moves each node of the fine mesh by itself. With coarse methods and patches, nodes move
+ * together. */
+static bool moves_single_nodes(const pliant_data *data)
+{
+    return data->tled || (pliant_solves_fine(data->solver->system) && pliant_patch_count_tools(data) == 0);
+}
+
+/* Apply the volume bound: shorten the motion of the nodes of small elements. Shorten the motion of all nodes alike
+ * where nodes move together, or if no motion of single nodes is found. Do the same after a blocked quasi-static leg,
+ * because the linear model that made it holds for small motions only. */
 static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, double *fraction)
 {
     bool found = false;
     data->legs->limited_by_elements = false;
-    if (!data->solver || !pliant_contact_may_have_small_elements(model, data, true)) return PLIANT_OK;
-    const bool bounds_nodes = !data->legs->blocked && pliant_contact_bounds_volumes(data);
+    if (!pliant_contact_may_have_small_elements(model, data, true)) return PLIANT_OK;
+    const bool bounds_nodes = moves_single_nodes(data) && !(data->solver && data->legs->blocked);
     const pliant_status status = bounds_nodes ? pliant_legs_bound_volumes(model, data, &found) : PLIANT_OK;
     if (found || status != PLIANT_OK) return status;
     *fraction = pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions, data->positions,
@@ -444,20 +451,22 @@ static pliant_status hold_tools(const pliant_model *model, pliant_data *data, do
 }
 
 /* Explicit dynamics: move each island of tissue and tools by its largest permitted fraction. Sub-steps have kept tissue
- * apart from tissue (zones); nodes of shortened islands are placed on straight lines, which is checked again.
+ * apart from tissue (zones); shortened nodes are placed on straight lines, which is checked again.
  * @param factor   out: factor for the fractions of all islands
  * @param smallest out: smallest fraction of an island, with this factor */
 static pliant_status apply_dynamic(const pliant_model *model, pliant_data *data, double *factor, double *smallest)
 {
-    double of_parts = 1;
+    double of_parts = 1, volumes = 1;
     update_loads(model, data);
     *factor = 1;
-    pliant_status status = pliant_contact_advance(model, data, 1, true, &of_parts);
+    pliant_status status = keep_volumes(model, data, &volumes);
+    if (status == PLIANT_OK) status = pliant_contact_advance(model, data, 1, true, &of_parts);
     if (status == PLIANT_OK) status = hold_tools(model, data, &of_parts);
     const bool is_blocked = of_parts < 1;
     if (status == PLIANT_OK && is_blocked) status = pliant_legs_apply_islands(model, data);
-    if (status == PLIANT_OK && (is_blocked || !data->tled->zones))
+    if (status == PLIANT_OK && (is_blocked || data->legs->limited_by_elements || !data->tled->zones))
         status = pliant_contact_advance_tissue(model, data, factor);
+    *factor = fmin(*factor, volumes);
     *smallest = *factor * of_parts;
     return status == PLIANT_OK && *factor < 1 ? pliant_legs_apply_fraction(model, data, *factor) : status;
 }

@@ -175,17 +175,29 @@ void pliant_legs_add_truncation_error(pliant_data *data, double lost)
     data->solver->rules.reported_error += error; /* the next step reports it as error_before */
 }
 
-pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data, bool *found)
+/* Move the nodes of the solved mesh as the fine nodes. */
+static void mix_nodes_of_solver(pliant_data *data)
 {
     pliant_legs *legs = data->legs;
     pliant_solver *solver = data->solver;
-    const pliant_mesh *mesh = &data->body->fine;
     const pliant_evaluation_history evaluation_history = solver->evaluation_history;
+    for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
+        if (legs->fraction[n] < 1)
+            mix(3, legs->solved + 3 * (size_t)n, legs->fraction[n], solver->now.x + 3 * (size_t)n);
+    (void)pliant_solver_set_contacts(solver, NULL, NULL, NULL);
+    pliant_solver_reset_after_move(solver);
+    solver->evaluation_history = evaluation_history;
+}
+
+pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data, bool *found)
+{
+    pliant_legs *legs = data->legs;
+    const pliant_mesh *mesh = &data->body->fine;
     const pliant_status status = pliant_legs_reserve_fractions(data);
     if (status != PLIANT_OK) return status;
     const int32_t count =
         pliant_volume_bound_motion(&model->contact, mesh, legs->positions, data->positions, pliant_contact_pieces(data),
-                                   solver->system->num_threads, legs->fraction);
+                                   data->discretization->system->num_threads, legs->fraction);
     *found = count >= 0;
     if (count <= 0) return PLIANT_OK;
     if (data->backend->download) data->backend->download(data->model, data);
@@ -195,11 +207,9 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
         farthest = fmax(farthest, (1 - legs->fraction[n]) * pliant_distance3(legs->positions + 3 * (size_t)n,
                                                                              data->positions + 3 * (size_t)n));
         mix(3, legs->positions + 3 * (size_t)n, legs->fraction[n], data->positions + 3 * (size_t)n);
-        mix(3, legs->solved + 3 * (size_t)n, legs->fraction[n], solver->now.x + 3 * (size_t)n);
     }
-    (void)pliant_solver_set_contacts(solver, NULL, NULL, NULL);
-    pliant_solver_reset_after_move(solver);
-    solver->evaluation_history = evaluation_history;
+    if (data->tled) mix_dynamics(data->tled, legs->fraction);
+    else mix_nodes_of_solver(data);
     legs->limited_by_elements = true;
     pliant_legs_add_truncation_error(
         data, farthest + pliant_volume_lacking(&model->contact, mesh, data->positions, &data->contacts));
