@@ -33,6 +33,13 @@ static pliant_status restart(const pliant_model *, pliant_data *data)
     return PLIANT_OK;
 }
 
+/* The next frame sends the host's state. The warp uses the host's positions at once. */
+static pliant_status upload_positions(const pliant_model *, pliant_data *data)
+{
+    pliant_cuda_tled_restart(state_of(data));
+    return pliant_cuda_tled_set_positions(state_of(data), data->positions);
+}
+
 static pliant_status solve(const pliant_model *, pliant_data *data)
 {
     pliant_cuda_section_begin("solve");
@@ -76,6 +83,7 @@ static constexpr pliant_backend table()
     made.create = create;
     made.free = destroy;
     made.restart = restart;
+    made.upload_positions = upload_positions;
     made.interact = pliant_explicit_interact;
     made.solve = solve;
     made.upsample = pliant_tled_upsample;

@@ -44,6 +44,7 @@ typedef struct pliant_contact_point {
     double place[3];        /* p at the end of the step [m] */
     double drift[3];        /* motion of p in the step, as a point of the obstacle [m] */
     double area;            /* area of the surface that the point represents, at rest [m^2] */
+    double least_volume;    /* for PLIANT_OBSTACLE_ELEMENT: six times the volume that the element keeps [m^3] */
     double friction;        /* coefficient of friction mu */
     int32_t jaw; /* for a tool: 1 or -1 on a jaw that turns by plus or minus half the jaw angle; otherwise 0 */
     /* OUTPUT, written by the solver; kept from step to step for the same feature */

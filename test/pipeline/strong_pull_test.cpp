@@ -10,7 +10,7 @@ namespace {
 
 // A grasp at the top of a block of 12 cm jumps by 7 or 12 cm in one step. No step ends with an inverted element, and
 // the held tissue reaches the tool.
-TEST(StrongPull, OfOneStepInvertsNoElement)
+void expect_jump(pliant_solver_kind solver)
 {
     const int size[3] = {6, 6, 6};
     const double box[3] = {0.12, 0.12, 0.12}, top[3] = {0.06, 0.06, 0.1};
@@ -20,6 +20,7 @@ TEST(StrongPull, OfOneStepInvertsNoElement)
             body.cells(6, 6, 6, 1);
             body.fix_plane(0, 0, 0.001, 0, 0, 1);
             body.scene.element.kind = kind;
+            body.scene.solver.kind = solver;
             ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
             int tool = -1;
             ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
@@ -37,8 +38,32 @@ TEST(StrongPull, OfOneStepInvertsNoElement)
         }
 }
 
+TEST(StrongPull, OfOneStepInvertsNoElement) { expect_jump(PLIANT_COROTATIONAL); }
+TEST(StrongPull, OfOneStepInvertsNoElementInExplicitDynamics) { expect_jump(PLIANT_TLED); }
+
+void use_patch(pliant_scene &scene)
+{
+    scene.model.method = PLIANT_AVERAGED;
+    scene.model.patch = 0.05;
+}
+void use_schur(pliant_scene &scene) { scene.model.method = PLIANT_SCHUR; }
+void keep_air(pliant_scene &scene) { scene.mesh.keep_air = true; }
+void use_dynamics(pliant_scene &scene) { scene.solver.kind = PLIANT_TLED; }
+void use_saint_venant_kirchhoff(pliant_scene &scene)
+{
+    use_dynamics(scene);
+    scene.tled.law = PLIANT_LAW_SAINT_VENANT_KIRCHHOFF;
+}
+
+struct Pull {
+    const char *name;
+    pliant_element_kind kind;
+    int ratio;
+    void (*set)(pliant_scene &scene);
+};
+
 // The pull of launch/scenes/demo_pull.yaml: 3 cm at the phantom's liver, within a second. The tissue then follows.
-void expect_none_inverted(pliant_element_kind kind, int ratio, pliant_backend_choice backend)
+void expect_none_inverted(const Pull &pull, pliant_backend_choice backend)
 {
     pliant_scene scene;
     pliant_volume scan{};
@@ -48,9 +73,10 @@ void expect_none_inverted(pliant_element_kind kind, int ratio, pliant_backend_ch
     pliant_data *data = nullptr;
     ASSERT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/demo.yaml", &scene), PLIANT_OK);
     ASSERT_EQ(pliant_inputs_read(&scene, "phantom", &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
-    scene.element.kind = kind;
-    scene.mesh.ratio = ratio;
+    scene.element.kind = pull.kind;
+    scene.mesh.ratio = pull.ratio;
     scene.solver.backend = backend;
+    if (pull.set) pull.set(scene);
     ASSERT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK)
         << pliant_last_error();
     ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
@@ -86,29 +112,29 @@ bool there_is_a_gpu()
     return pliant_gpu_choose(PLIANT_AUTO, cuda ? cuda->probe : nullptr, text, &use) == PLIANT_OK && use;
 }
 
-struct Pull {
-    const char *name;
-    pliant_element_kind kind;
-    int ratio;
-};
 class PullOfThreeCentimetres : public testing::TestWithParam<Pull> {};
 
 TEST_P(PullOfThreeCentimetres, InvertsNoElement)
 {
-    expect_none_inverted(GetParam().kind, GetParam().ratio, PLIANT_CPU);
+    expect_none_inverted(GetParam(), PLIANT_CPU);
 }
 
 TEST_P(PullOfThreeCentimetres, InvertsNoElementOnAGpu)
 {
     if (!there_is_a_gpu()) GTEST_SKIP() << "no GPU can be used";
-    expect_none_inverted(GetParam().kind, GetParam().ratio, PLIANT_CUDA);
+    expect_none_inverted(GetParam(), PLIANT_CUDA);
 }
 
 INSTANTIATE_TEST_SUITE_P(Cells, PullOfThreeCentimetres,
-                         testing::Values(Pull{"Hexahedra21Millimetres", PLIANT_HEXAHEDRA, 2},
-                                         Pull{"Hexahedra14Millimetres", PLIANT_HEXAHEDRA, 3},
-                                         Pull{"Hexahedra10Millimetres", PLIANT_HEXAHEDRA, 4},
-                                         Pull{"Tetrahedra14Millimetres", PLIANT_LINEAR, 3}),
+                         testing::Values(Pull{"Hexahedra21Millimetres", PLIANT_HEXAHEDRA, 2, nullptr},
+                                         Pull{"Hexahedra14Millimetres", PLIANT_HEXAHEDRA, 3, nullptr},
+                                         Pull{"Hexahedra10Millimetres", PLIANT_HEXAHEDRA, 4, nullptr},
+                                         Pull{"Tetrahedra14Millimetres", PLIANT_LINEAR, 3, nullptr},
+                                         Pull{"WithAir", PLIANT_HEXAHEDRA, 2, keep_air},
+                                         Pull{"Patch", PLIANT_HEXAHEDRA, 2, use_patch},
+                                         Pull{"Schur", PLIANT_LINEAR, 3, use_schur},
+                                         Pull{"Dynamics", PLIANT_HEXAHEDRA, 2, use_dynamics},
+                                         Pull{"DynamicsOfTetrahedra", PLIANT_LINEAR, 2, use_saint_venant_kirchhoff}),
                          [](const testing::TestParamInfo<Pull> &info) { return info.param.name; });
 
 } // namespace

@@ -85,7 +85,7 @@ static void set_point(int32_t element, const int32_t tet[4], const double *posit
                       pliant_contact_point *out)
 {
     static const int face[4][3] = {{1, 3, 2}, {0, 2, 3}, {0, 3, 1}, {0, 1, 2}};
-    double best[3] = {0, 0, 0}, largest = -1;
+    double x[4][3], largest = -1;
     int top = 0;
     for (int v = 0; v < 4; v++) {
         double u[3], w[3], normal[3];
@@ -97,28 +97,15 @@ static void set_point(int32_t element, const int32_t tet[4], const double *posit
         if (!(square > largest)) continue;
         largest = square;
         top = v;
-        memcpy(best, normal, sizeof best);
     }
-    const double length = sqrt(largest); /* twice the area of the face */
-    const int *corner = face[top];
-    double u[3], w[3], to[3], part[3], fraction[2];
-    pliant_subtract3(positions + 3 * (size_t)tet[corner[1]], positions + 3 * (size_t)tet[corner[0]], u);
-    pliant_subtract3(positions + 3 * (size_t)tet[corner[2]], positions + 3 * (size_t)tet[corner[0]], w);
-    pliant_subtract3(positions + 3 * (size_t)tet[top], positions + 3 * (size_t)tet[corner[0]], to);
-    pliant_cross3(to, w, part);
-    fraction[0] = pliant_dot3(best, part) / largest;
-    pliant_cross3(u, to, part);
-    fraction[1] = pliant_dot3(best, part) / largest;
-    *out = (pliant_contact_point){.kind = PLIANT_OBSTACLE_ELEMENT, .tool = -1, .part = -1, .count = 4};
+    *out = (pliant_contact_point){
+        .kind = PLIANT_OBSTACLE_ELEMENT, .tool = -1, .part = -1, .count = 4, .least_volume = stop};
     out->feature = (uint64_t)PLIANT_ELEMENT_VOLUME << 56 | (uint64_t)(uint32_t)element << 2 | (uint64_t)top;
-    const double weight[4] = {1, fraction[0] + fraction[1] - 1, -fraction[0], -fraction[1]};
-    out->node[0] = tet[top];
-    for (int k = 0; k < 3; k++) out->node[k + 1] = tet[corner[k]];
-    memcpy(out->weight, weight, sizeof weight);
-    for (int d = 0; d < 3; d++) {
-        out->normal[d] = best[d] / length;
-        out->place[d] = out->normal[d] * stop / length;
+    for (int k = 0; k < 4; k++) {
+        out->node[k] = tet[k == 0 ? top : face[top][k - 1]];
+        memcpy(x[k], positions + 3 * (size_t)out->node[k], sizeof x[k]);
     }
+    (void)pliant_volume_set_height(x, out);
 }
 
 void pliant_volume_gradient(const pliant_contact_point *point, const double *positions, double out[4][3])

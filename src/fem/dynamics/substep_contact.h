@@ -12,6 +12,7 @@
 #define PLIANT_FEM_DYNAMICS_SUBSTEP_CONTACT_H
 
 #include "contact/detect/update_sides.h"
+#include "contact/volume/volume_rules.h"
 #include "fem/dynamics/substep.h"
 
 #ifdef __cplusplus
@@ -108,6 +109,24 @@ PLIANT_INLINE bool pliant_tled_contact_update_sides(const pliant_tled_contact_no
         contact->weighted_inverse_mass += point->weight[k] * point->weight[k] * nodes->inverse_mass[point->node[k]];
     for (int d = 0; d < 3; d++) contact->anchor[d] += after[d] - before[d];
     return true;
+}
+
+/* Update the point of an element to the present height over its face. back: 1: at the start of the sub-step; 0: at its
+ * end */
+PLIANT_INLINE void pliant_tled_contact_update_height(const pliant_tled_contact_nodes *nodes, double back,
+                                                     pliant_contact_point *point, pliant_tled_contact *contact)
+{
+    double x[4][3];
+    if (point->kind != PLIANT_OBSTACLE_ELEMENT) return;
+    for (int k = 0; k < 4; k++)
+        for (int d = 0; d < 3; d++) {
+            const int at = 3 * point->node[k] + d;
+            x[k][d] = nodes->rest[at] + nodes->u[at] - back * nodes->d[at];
+        }
+    if (!pliant_volume_set_height(x, point)) return;
+    contact->weighted_inverse_mass = 0;
+    for (int k = 0; k < 4; k++)
+        contact->weighted_inverse_mass += point->weight[k] * point->weight[k] * nodes->inverse_mass[point->node[k]];
 }
 
 /* Move a node by its part of a change of position and of increment. */
@@ -217,6 +236,7 @@ PLIANT_INLINE double pliant_tled_contact_correct(const pliant_tled_contact_nodes
     double y[3], moved[3], slip[3], push[3], load = 0;
     pliant_facing facing;
     pliant_tled_contact_update_sides(nodes, point, contact, &facing);
+    pliant_tled_contact_update_height(nodes, 0, point, contact);
     if (!(contact->weighted_inverse_mass > 0)) return 0;
     if (pliant_contact_slows(point)) return pliant_tled_contact_slow_down(nodes, time, point, contact);
     const double gap = pliant_tled_contact_gap(nodes, time, point, contact, y, moved);
@@ -249,6 +269,7 @@ PLIANT_INLINE void pliant_tled_contact_prepare(const pliant_tled_contact_nodes *
 {
     double back[3], acceleration[3];
     contact->has_sides = pliant_tled_contact_update_sides(nodes, point, contact, &contact->facing);
+    pliant_tled_contact_update_height(nodes, 1, point, contact);
     if (!(contact->weighted_inverse_mass > 0)) return;
     pliant_tled_contact_weighted_sum(point, nodes->acceleration, acceleration);
     contact->resistance = 0;

@@ -100,18 +100,17 @@ static void gather_parts(const pliant_model *model, pliant_data *data)
 /* ---- the stage */
 
 /* Return whether legs keep elements from inverting in a step without contact: a tool that holds tissue can pull it
- * strongly. Air is meant to invert. */
-static bool keeps_volumes_of_pull(const pliant_model *model, const pliant_data *data)
+ * strongly. */
+static bool keeps_volumes_of_pull(const pliant_data *data)
 {
     bool any = false;
-    if (model->scene.mesh.keep_air) return false;
     for (int t = 0; t < data->num_tools; t++) any = any || (data->tools[t].present && data->tools[t].holding);
     return any;
 }
 
 bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data)
 {
-    if (pliant_contact_touches_itself(model) || keeps_volumes_of_pull(model, data)) return false;
+    if (pliant_contact_touches_itself(model) || keeps_volumes_of_pull(data)) return false;
     if (model->scene.obstacles.num_boxes + model->scene.obstacles.num_planes > 0 || model->obstacles.num_parts > 0)
         return false;
     for (int t = 0; t < data->num_tools; t++)
