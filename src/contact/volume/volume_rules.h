@@ -46,9 +46,9 @@ PLIANT_INLINE bool pliant_volume_may_be_small(double keep, double stop, pliant_v
     return (v1 < limit) | (v2 < limit) | (v3 < limit);
 }
 
-/* Set normal, weights and place of an element's point for these positions of its four nodes. Node 0 is the top, and the
- * others are the opposite face. The foot of the height has the weights of the face, so a force has no moment. Return
- * false if the face has no area; the point is then unchanged. */
+/* Set normal, weights and p (contact.h) of an element's point for these positions of its four nodes. Node 0 is the top,
+ * and the others are the opposite face. The foot of the height has the weights of the face, so a force has no moment.
+ * Return false if the face has no area; the point is then unchanged. */
 PLIANT_INLINE bool pliant_volume_set_height(double x[4][3], pliant_contact_point *point)
 {
     double u[3], w[3], to[3], face[3], part[3], fraction[2];
