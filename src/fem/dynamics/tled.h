@@ -277,6 +277,9 @@ void pliant_tled_contacts_free(pliant_tled *tled);
 
 /* Prepare the tools for a frame. A tool that has just grasped starts from the tissue's position. */
 void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_tool *tools, int num_tools);
+/* Move the targets of held points by the distances that the points lose if each node makes its own fraction of its
+ * motion in this part. Otherwise the next sub-step would pull a point back by the whole distance. */
+void pliant_tled_shift_targets(pliant_tled *tled, const pliant_tool *tools, int num_tools, const double *fraction);
 
 /* ---- Implemented in tled_energy.c. */
 /* Compute the kinetic energy, half a step ago, the strain energy, and the conserved energy of central differences [J].

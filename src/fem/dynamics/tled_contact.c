@@ -159,6 +159,7 @@ void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistic
             point->anchor[d] = contact->anchor[d] - point->place[d];
             if (point->kind == PLIANT_OBSTACLE_TOOL) tled->tool_work += point->force[d] * point->drift[d];
         }
+        if (point->kind == PLIANT_OBSTACLE_ELEMENT) continue; /* it touches nothing */
         statistics->contacts += point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;
         if (contact->weighted_inverse_mass > 0) statistics->penetration = fmax(statistics->penetration, depth);
     }

@@ -33,6 +33,21 @@ void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_too
     }
 }
 
+void pliant_tled_shift_targets(pliant_tled *tled, const pliant_tool *tools, int num_tools, const double *fraction)
+{
+    for (int t = 0; t < num_tools; t++)
+        for (int32_t h = 0; tools[t].holding && h < tools[t].num_held; h++) {
+            const size_t node = (size_t)tools[t].held[h];
+            for (int d = 0; d < 3; d++) {
+                const double moved = tled->u[3 * node + (size_t)d] - tled->start_u[3 * node + (size_t)d],
+                             shift = tools[t].weight[h] * (fraction[node] - 1) * moved;
+                tled->target[t][d] += shift;
+                tled->previous_point[t][d] += shift;
+                tled->previous_target[t][d] += shift;
+            }
+        }
+}
+
 static void push(pliant_tled *tled, const pliant_tool *tool, const double force[3], double factor)
 {
     for (int32_t h = 0; h < tool->num_held; h++) {

@@ -458,7 +458,9 @@ pliant_status pliant_patch_step(pliant_data *data)
     }
     patch_merge(data);
     statistics->contacts = 0;
-    for (int32_t p = 0; p < data->contacts.count; p++) statistics->contacts += data->contacts.point[p].was_pressed;
+    for (int32_t p = 0; p < data->contacts.count; p++)
+        statistics->contacts +=
+            data->contacts.point[p].was_pressed && data->contacts.point[p].kind != PLIANT_OBSTACLE_ELEMENT;
     statistics->penetration = fmax(patch->outside.count > 0 ? statistics->penetration : 0, own.penetration);
     pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
     statistics->patched = pliant_patch_count_tools(data);

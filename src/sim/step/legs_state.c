@@ -95,10 +95,13 @@ static void mix_memory(const pliant_tled *tled, int32_t first_block, int32_t num
         }
 }
 
-/* The increment is scaled with the motion. This removes kinetic energy and never adds any. */
-static void mix_dynamics(pliant_tled *tled, const double *fraction)
+/* The increment is scaled with the motion. This removes kinetic energy and never adds any. The distances of held points
+ * from their targets stay. */
+static void mix_dynamics(const pliant_data *data, const double *fraction)
 {
+    pliant_tled *tled = data->tled;
     const pliant_tled_system *system = tled->system;
+    pliant_tled_shift_targets(tled, data->tools, data->num_tools, fraction);
     for (int32_t n = 0; n < system->mesh->num_nodes; n++) {
         const size_t at = 3 * (size_t)n;
         if (!(fraction[n] < 1)) continue;
@@ -135,7 +138,7 @@ static pliant_status end_mix(const pliant_model *model, pliant_data *data)
 pliant_status pliant_legs_apply_islands(const pliant_model *model, pliant_data *data)
 {
     pliant_legs *legs = data->legs;
-    mix_dynamics(data->tled, legs->fraction);
+    mix_dynamics(data, legs->fraction);
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
         mix(3, legs->positions + 3 * (size_t)n, legs->fraction[n], data->positions + 3 * (size_t)n);
     for (int32_t p = 0; p < data->contacts.count; p++) {
@@ -208,7 +211,7 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
                                                                              data->positions + 3 * (size_t)n));
         mix(3, legs->positions + 3 * (size_t)n, legs->fraction[n], data->positions + 3 * (size_t)n);
     }
-    if (data->tled) mix_dynamics(data->tled, legs->fraction);
+    if (data->tled) mix_dynamics(data, legs->fraction);
     else mix_nodes_of_solver(data);
     legs->limited_by_elements = true;
     pliant_legs_add_truncation_error(
@@ -268,7 +271,8 @@ void pliant_legs_publish_forces(pliant_data *data)
         pliant_contact_point *point = data->contacts.point + p;
         while (n < now->count && now->point[n].feature < point->feature) n++;
         if (n == now->count || now->point[n].feature != point->feature) place_at_tissue(data, point);
-        data->statistics.contacts += point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;
+        const bool has_force = point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;
+        data->statistics.contacts += has_force && point->kind != PLIANT_OBSTACLE_ELEMENT;
     }
 }
 
