@@ -245,7 +245,8 @@ static pliant_status find_points(const pliant_model *model, pliant_data *data, c
 
 const int32_t *pliant_contact_pieces(const pliant_data *data)
 {
-    return data->rigid_pieces ? pliant_rigid_pieces_bodies(data->rigid_pieces)->of_node : NULL;
+    const pliant_contact_bodies *pieces = data->rigid_pieces ? pliant_rigid_pieces_bodies(data->rigid_pieces) : NULL;
+    return pieces ? pieces->of_node : NULL;
 }
 
 bool pliant_contact_may_have_small_elements(const pliant_model *model, pliant_data *data, bool in_leg)

@@ -37,7 +37,7 @@ pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *dat
 /* Return whether a tool's motion comes near the bounding box of the surface. True also without memory for the check. */
 bool pliant_contact_is_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
                             const pliant_tool_pose *to);
-/* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces. */
+/* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces, or explicit dynamics moves them. */
 const int32_t *pliant_contact_pieces(const pliant_data *data);
 /* Return whether an element may be small (backend.h). False: the volume bound has nothing to do. */
 bool pliant_contact_may_have_small_elements(const pliant_model *model, pliant_data *data, bool in_leg);
