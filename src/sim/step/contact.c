@@ -107,11 +107,14 @@ static bool has_element_points(const pliant_model *model, const pliant_data *dat
 }
 
 /* Return whether legs keep elements from inverting in a step without contact: a tool that holds tissue can pull it
- * strongly. */
+ * strongly, and a blade that slips releases tissue in one step. */
 static bool keeps_volumes_of_pull(const pliant_model *model, const pliant_data *data)
 {
     bool any = false;
-    for (int t = 0; t < data->num_tools; t++) any = any || (data->tools[t].present && data->tools[t].holding);
+    for (int t = 0; t < data->num_tools; t++) {
+        const pliant_tool *tool = data->tools + t;
+        any = any || (tool->present && (tool->holding || tool->blade.cutting));
+    }
     return any && has_element_points(model, data);
 }
 
