@@ -714,7 +714,8 @@ TEST(Knife, AStrokeThroughThePhantomsLiverTakesToughnessTimesItsAreaUpToATooth)
         }
 }
 
-// With the default of six evaluations, tissue that slips off the edge stays a body: no element is inverted after any step.
+// With the default of six evaluations, tissue that slips off the edge stays a body: no element is inverted after any
+// step.
 TEST(Knife, TissueThatSlipsInvertsNoElement)
 {
     for (const double start : {0.155, 0.15535}) {
