@@ -1,7 +1,8 @@
 // Contact of six spheres pressed into the front of the belly and dragged along it, fine corotational: cost per frame,
 // penetration depth, and forces. The forces are compared with tightly converged frames, from the first frame on, and
 // each with its own frame solved tightly. Where tissue slips off a tool, its direction is sensitive, so two tight
-// solves can differ, too.
+// solves can differ, too. Errors are also reported apart for tools with a slipping contact, and for all others: a contact
+// slips if its tangential force in the tightly converged frame is at least 0.999 of friction times normal force.
 //
 // Usage:
 //   bench_press FOLDER [group/name=value ...]     the test data; OMP_NUM_THREADS=1 for CPU time of one thread
@@ -21,6 +22,7 @@ const double radius = 0.008, speed = 0.1;
 struct Run {
     // (frames x tools) forces on the tissue; forces solved tightly from the same state
     std::vector<std::array<double, 3>> force, own;
+    std::vector<bool> slips; // of each force: whether a contact of the tool slips
     double contact = 0, first = 0, solve = 0, deepest = 0, spent = 0;
     int32_t evaluations = 0, max_contacts = 0, refused = 0;
 };
@@ -55,6 +57,22 @@ void append_forces(pliant_data *data, std::vector<std::array<double, 3>> *out)
         pliant_tool_state state;
         check(pliant_tool_get(data, t, &state));
         out->push_back({state.contact_force[0], state.contact_force[1], state.contact_force[2]});
+    }
+}
+
+// Append, for each tool, whether a contact slips.
+void append_slips(const pliant_model *model, const pliant_data *data, std::vector<bool> *out)
+{
+    std::vector<pliant_contact> contacts(static_cast<size_t>(pliant_data_get_contacts(data, 0, nullptr)));
+    pliant_data_get_contacts(data, static_cast<int32_t>(contacts.size()), contacts.data());
+    const size_t first = out->size();
+    out->resize(first + TOOLS);
+    for (const pliant_contact &contact : contacts) {
+        const double *f = contact.force, *n = contact.normal, normal = f[0] * n[0] + f[1] * n[1] + f[2] * n[2],
+                     along = std::sqrt(std::max(0.0, f[0] * f[0] + f[1] * f[1] + f[2] * f[2] - normal * normal));
+        if (contact.tool >= 0 && std::fabs(normal) > 0 &&
+            along >= 0.999 * model->scene.contact.friction * std::fabs(normal))
+            (*out)[first + static_cast<size_t>(contact.tool)] = true;
     }
 }
 
@@ -112,6 +130,7 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
         run.deepest = std::max(run.deepest, statistics->penetration);
         run.refused = int32_t(statistics->rejected);
         append_forces(data, &run.force);
+        append_slips(model, data, &run.slips);
     }
     pliant_data_free(second);
     pliant_data_free(data);
@@ -120,12 +139,16 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
 
 double length(const std::array<double, 3> &f) { return std::sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]); }
 
+enum class Which { ALL, SLIPPING, STICKING };
+
 // Return the errors in ascending order, of forces with at least a twentieth of the maximum; may be empty.
 std::vector<double> errors_of(const std::vector<std::array<double, 3>> &forces,
-                              const std::vector<std::array<double, 3>> &exact, double maximum)
+                              const std::vector<std::array<double, 3>> &exact, double maximum, Which which,
+                              const std::vector<bool> &slips)
 {
     std::vector<double> errors;
     for (size_t f = 0; f < forces.size(); f++) {
+        if (which != Which::ALL && slips[f] != (which == Which::SLIPPING)) continue;
         const std::array<double, 3> apart = {forces[f][0] - exact[f][0], forces[f][1] - exact[f][1],
                                              forces[f][2] - exact[f][2]};
         if (length(exact[f]) > 0.05 * maximum) errors.push_back(100 * length(apart) / length(exact[f]));
@@ -177,8 +200,8 @@ int main(int argc, char **argv)
     if (maximum == 0) std::printf("nothing is touched: no error to tell\n");
     for (int iterations : {3, 4, 6, 10}) {
         const Run run = press(model, middle, iterations, 1e-9, 0);
-        const std::vector<double> errors = errors_of(run.force, exact.force, maximum),
-                                  own = errors_of(run.force, run.own, maximum);
+        const std::vector<double> errors = errors_of(run.force, exact.force, maximum, Which::ALL, exact.slips),
+                                  own = errors_of(run.force, run.own, maximum, Which::ALL, exact.slips);
         std::printf(
             "%2d iterations: solve %.2f ms a frame (%.2f an evaluation), contact stage %.3f (the first frame's %.1f), "
             "CPU %.2f; deepest %.4f mm; force off by %.2f %% (median), %.2f (95 %%), %.2f (worst); "
@@ -186,6 +209,13 @@ int main(int argc, char **argv)
             iterations, 1e3 * run.solve / FRAMES, 1e3 * run.solve / run.evaluations, 1e3 * run.contact / (FRAMES - 1),
             1e3 * run.first, 1e3 * run.spent / FRAMES, 1e3 * run.deepest, quantile(errors, 0.5), quantile(errors, 0.95),
             quantile(errors, 1), quantile(own, 0.5), quantile(own, 0.95), quantile(own, 1), run.refused);
+        for (const Which which : {Which::SLIPPING, Which::STICKING}) {
+            const std::vector<double> part = errors_of(run.force, exact.force, maximum, which, exact.slips);
+            if (part.empty()) continue;
+            std::printf("    %zu forces of tools %s: off by %.2f %% (median), %.2f (95 %%), %.2f (worst)\n", part.size(),
+                        which == Which::SLIPPING ? "with slip" : "without slip", quantile(part, 0.5),
+                        quantile(part, 0.95), quantile(part, 1));
+        }
     }
     pliant_model_free(model);
     return 0;
