@@ -139,6 +139,35 @@ TEST(ContactTheory, PointsSettleOnCoarseCells)
     }
 }
 
+// A soft coupling that stays far behind its target pulls with its stiffness times the distance, although the distance is
+// several legs long. At rest a step has one leg.
+TEST(ContactTheory, ASoftCouplingPullsByItsDistance)
+{
+    const double edge = 0.12, height = 0.06, stiffness = 50, depth = 0.04;
+    Body block(std::vector<int>{12, 12, 6}.data(), std::vector<double>{edge, edge, height}.data(),
+               {{10e3, 0.45, 1000, false}});
+    for (double &g : block.scene.model.gravity) g = 0;
+    block.cells(12, 12, 6, 1);
+    block.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    block.scene.solver.tolerance = 1e-5;
+    block.scene.solver.iterations = 30;
+    block.scene.contact.coupling_stiffness = stiffness;
+    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+    block.model->without_missing_compliance = true;
+    const int tool = add_tool(
+        block, "probe", {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0.02}, {0, 0, 0}, 0.02, false, nullptr});
+    pliant_tool_state state{};
+    for (int s = 0; s <= 40; s++) {
+        place(block, tool, edge / 2, edge / 2, height + 0.002 - std::fmin(s * 0.004, 0.002 + depth));
+        ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
+        ASSERT_EQ(pliant_tool_get(block.data, tool, &state), PLIANT_OK);
+    }
+    const double behind = std::fabs(state.proxy_error[2]), force = -state.contact_force[2];
+    EXPECT_GT(behind, 0.02);
+    EXPECT_NEAR(force, stiffness * behind, 1e-3 * force);
+    EXPECT_EQ(block.data->statistics.legs, 1);
+}
+
 // The error of a force on coarse cells, against the converged force. It is a standard deviation: the coupling adds the
 // missing compliance, so the errors that are left have both signs. The references are the axisymmetric solutions of
 // test/reference/indentation.py for a sphere of 20 mm and a punch of 15 mm; bench_force has more cases. A block without

@@ -148,6 +148,38 @@ static void smooth_missing_compliance(double follow, double before, pliant_missi
     missing->jaw_compliance *= ratio;
 }
 
+/* Linearize the coupling of a tool for a goal, with the compliances that this leg adds. */
+static void linearize(const pliant_model *model, const pliant_data *data, int t, const pliant_tool_pose *goal,
+                      pliant_tool_pose *ahead, pliant_contact_body couple[2], pliant_touch_limit limit[3])
+{
+    const pliant_leg_tool *leg = data->legs->tool + t;
+    double added[2] = {leg->piece_compliance[0], leg->piece_compliance[1]};
+    if (!data->tled) {
+        added[0] += leg->missing.compliance;
+        added[1] += leg->missing.jaw_compliance;
+    }
+    pliant_proxy_linearize(model, data->tools + t, &leg->begin, goal, &leg->before, added, leg->yields, ahead, couple,
+                           limit);
+}
+
+/* Return the pose of the unloaded coupling that would balance the present load at the start of the leg. A part of a
+ * step moves the unloaded coupling from here towards its target. If it began at the proxy's pose, each part would first
+ * release the load. In explicit dynamics, couplings do not balance loads, and the pose is the proxy's. */
+static pliant_tool_pose balanced_pose(const pliant_model *model, pliant_data *data, int t)
+{
+    pliant_leg_tool *leg = data->legs->tool + t;
+    const pliant_proxy_load before = leg->before;
+    pliant_contact_body couple[2];
+    pliant_touch_limit limit[3];
+    pliant_tool_pose out = leg->begin;
+    if (data->tled || !data->tools[t].present || data->tools[t].shape.num_parts == 0) return out;
+    for (int k = 0; k < 6; k++) leg->before.wrench[k] *= -1;
+    leg->before.jaw *= -1;
+    linearize(model, data, t, &leg->begin, &out, couple, limit);
+    leg->before = before;
+    return out;
+}
+
 /* Save the proxies' poses and loads at the start of a leg. In explicit dynamics, the load is the mean over about one
  * step, because contacts of tissue that vibrates open and close: update_loads filters it within a step. */
 static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
@@ -169,22 +201,9 @@ static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
             pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before, max_distance_of(data),
                                                     leg->yields);
         leg->behind = data->tled ? pose_behind_target(data->tools + t, leg) : leg->measured;
+        leg->balanced = balanced_pose(model, data, t);
     }
     return status;
-}
-
-/* Linearize the coupling of a tool for a goal, with the compliances that this leg adds. */
-static void linearize(const pliant_model *model, const pliant_data *data, int t, const pliant_tool_pose *goal,
-                      pliant_tool_pose *ahead, pliant_contact_body couple[2], pliant_touch_limit limit[3])
-{
-    const pliant_leg_tool *leg = data->legs->tool + t;
-    double added[2] = {leg->piece_compliance[0], leg->piece_compliance[1]};
-    if (!data->tled) {
-        added[0] += leg->missing.compliance;
-        added[1] += leg->missing.jaw_compliance;
-    }
-    pliant_proxy_linearize(model, data->tools + t, &leg->begin, goal, &leg->before, added, leg->yields, ahead, couple,
-                           limit);
 }
 
 /* Return the fraction of the tool's remaining motion that keeps its distance in this leg below the maximum.
@@ -195,7 +214,7 @@ static double fraction_of(const pliant_model *model, pliant_data *data, int t, b
     const pliant_leg_tool *leg = data->legs->tool + t;
     const double maximum = max_distance_of(data);
     if (!tool->present || tool->shape.num_parts == 0) return 1;
-    double distance = pliant_tool_max_motion(tool, &leg->begin, &leg->measured);
+    double distance = pliant_tool_max_motion(tool, &leg->balanced, &leg->measured);
     if (distance > maximum && expected) {
         pliant_contact_body couple[2];
         pliant_touch_limit limit[3];
@@ -269,7 +288,7 @@ static void set_goals(const pliant_model *model, pliant_data *data, double fract
         pliant_grasp_constraint *grasp = grasp_constraint_of(data, t);
         const double own = dynamic ? fraction * limit_speed(model, data, tool, leg, fraction)
                                    : fmin(fraction, fraction_of(model, data, t, false));
-        leg->goal = pliant_tool_pose_between(&leg->begin, &leg->behind, own);
+        leg->goal = pliant_tool_pose_between(&leg->balanced, &leg->behind, own);
         for (int k = 0; k < 3; k++) leg->yields[k] *= data->fraction; /* as far in a step, however many legs it has */
         linearize(model, data, t, &leg->goal, &leg->ahead, data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
         if (data->tled) leg->goal = leg->ahead;
