@@ -1,8 +1,8 @@
 // Contact of six spheres pressed into the front of the belly and dragged along it, fine corotational: cost per frame,
 // penetration depth, and forces. The forces are compared with tightly converged frames, from the first frame on, and
 // each with its own frame solved tightly. Where tissue slips off a tool, its direction is sensitive, so two tight
-// solves can differ, too. Errors are also reported apart for tools with a slipping contact, and for all others: a contact
-// slips if its tangential force in the tightly converged frame is at least 0.999 of friction times normal force.
+// solves can differ, too. Errors are also reported apart for tools with a slipping contact, and for all others: a
+// contact slips if its tangential force in the tightly converged frame is at least 0.999 of friction times normal force.
 //
 // Usage:
 //   bench_press FOLDER [group/name=value ...]     the test data; OMP_NUM_THREADS=1 for CPU time of one thread
@@ -212,7 +212,8 @@ int main(int argc, char **argv)
         for (const Which which : {Which::SLIPPING, Which::STICKING}) {
             const std::vector<double> part = errors_of(run.force, exact.force, maximum, which, exact.slips);
             if (part.empty()) continue;
-            std::printf("    %zu forces of tools %s: off by %.2f %% (median), %.2f (95 %%), %.2f (worst)\n", part.size(),
+            std::printf("    %zu forces of tools %s: off by %.2f %% (median), %.2f (95 %%), %.2f (worst)\n",
+                        part.size(),
                         which == Which::SLIPPING ? "with slip" : "without slip", quantile(part, 0.5),
                         quantile(part, 0.95), quantile(part, 1));
         }

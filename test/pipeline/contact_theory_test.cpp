@@ -139,8 +139,8 @@ TEST(ContactTheory, PointsSettleOnCoarseCells)
     }
 }
 
-// A soft coupling that stays far behind its target pulls with its stiffness times the distance, although the distance is
-// several legs long. At rest a step has one leg.
+// A soft coupling that stays far behind its target pulls with its stiffness times the distance, although the distance
+// is several legs long. At rest a step has one leg.
 TEST(ContactTheory, ASoftCouplingPullsByItsDistance)
 {
     const double edge = 0.12, height = 0.06, stiffness = 50, depth = 0.04;
