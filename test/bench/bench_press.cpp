@@ -1,8 +1,9 @@
 // Contact of six spheres pressed into the front of the belly and dragged along it, fine corotational: cost per frame,
 // penetration depth, and forces. The forces are compared with tightly converged frames, from the first frame on, and
 // each with its own frame solved tightly. Where tissue slips off a tool, its direction is sensitive, so two tight
-// solves can differ, too. Errors are also reported apart for tools with a slipping contact, and for all others: a
-// contact slips if its tangential force in the tightly converged frame is at least 0.999 of friction times normal force.
+// solves can differ, too. Errors are also reported apart for tools with a slipping contact, and for all others. A
+// contact slips if its tangential force in the tightly converged frame is at least 0.999 of friction times normal
+// force.
 //
 // Usage:
 //   bench_press FOLDER [group/name=value ...]     the test data; OMP_NUM_THREADS=1 for CPU time of one thread
