@@ -214,7 +214,9 @@ static double fraction_of(const pliant_model *model, pliant_data *data, int t, b
     const pliant_leg_tool *leg = data->legs->tool + t;
     const double maximum = max_distance_of(data);
     if (!tool->present || tool->shape.num_parts == 0) return 1;
-    double distance = pliant_tool_max_motion(tool, &leg->balanced, &leg->measured);
+    /* A proxy in balance behind its target stays there. A proxy whose compliance has just grown loses load at once. */
+    double distance = fmin(pliant_tool_max_motion(tool, &leg->balanced, &leg->measured),
+                           pliant_tool_max_motion(tool, &leg->begin, &leg->measured));
     if (distance > maximum && expected) {
         pliant_contact_body couple[2];
         pliant_touch_limit limit[3];
