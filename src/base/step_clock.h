@@ -1,5 +1,5 @@
-/* Time limit of a step (solver/budget_ms). The clock's readings decide how many evaluations a step makes. They are
- * kept, so that a replay makes the same ones. */
+/* Time limit of a step (solver/budget_ms). The number of evaluations depends on the clock's readings. They are
+ * saved, so that a replay makes the same evaluations. */
 #ifndef PLIANT_BASE_STEP_CLOCK_H
 #define PLIANT_BASE_STEP_CLOCK_H
 

@@ -203,7 +203,7 @@ static bool is_cut(const pliant_cuts *cuts, int32_t tet)
 typedef struct rest_points {
     int32_t count;
     double at[3 * MAX_POINTS], weight[4 * MAX_POINTS];
-    int32_t tet[MAX_POINTS]; /* -1: no tissue at the point */
+    int32_t tet[MAX_POINTS];   /* -1: no tissue at the point */
 } rest_points;
 
 /* Find the tetrahedra at rest points. In cut tetrahedra, the fragments are searched in the whole mesh, once for all
@@ -361,10 +361,8 @@ pliant_status pliant_tool_transfer(const pliant_scene *scene, pliant_tool *tool,
     if (!from->blade.is_dragging)
         status = list_held(scene, next, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held,
                            &tool->weight);
-    else if (pliant_blade_num_inside(&tool->blade.edge) > 0)
-        status = pliant_blade_hold(next, tool);
-    else
-        pliant_blade_release(tool);
+    else if (pliant_blade_num_inside(&tool->blade.edge) > 0) status = pliant_blade_hold(next, tool);
+    else pliant_blade_release(tool);
     tool->holding = tool->num_held > 0;
     tool->attached = tool->holding && from->attached;
     memcpy(tool->force, from->force, sizeof tool->force);
@@ -408,10 +406,8 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
         if (!tool->present)
             return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no pose: it cannot grasp", tool->name);
         int32_t tet = -1;
-        if (!data->body->cuts)
-            tet = pliant_mesh_locate_deformed(mesh, data->positions, tool->tip, barycentric);
-        else if (!pliant_body_locate(data->body, data->positions, tool->tip, &tet, barycentric))
-            tet = -1;
+        if (!data->body->cuts) tet = pliant_mesh_locate_deformed(mesh, data->positions, tool->tip, barycentric);
+        else if (!pliant_body_locate(data->body, data->positions, tool->tip, &tet, barycentric)) tet = -1;
         if (tet < 0) return fail_no_tissue(mesh, tool->name, tool->tip);
         memset(centre, 0, sizeof centre);
         for (int v = 0; v < 4; v++)

@@ -1,5 +1,5 @@
-// Each instrument with jaws closes on the tip of the phantom's liver (launch/scenes/grasp.yaml), from 1.0 to -0.3 rad
-// in 2 s at 50 Hz, and lifts it by 10 mm in 1 s. Scissors do so without and with their blade.
+// Each instrument with jaws closes on the tip of the phantom's liver (launch/scenes/grasp.yaml), and lifts it by 10 mm.
+// The jaws move from 1.0 to -0.3 rad in 2 s, at 50 Hz. Scissors do so without and with their blade.
 //
 // Usage:
 //   bench_jaws [instrument ...]     default: all; set OMP_NUM_THREADS=1 for CPU times of one thread

@@ -196,8 +196,8 @@ TEST(Budget, TheFirstFrameOfTurnedGravityMoves)
     }
 }
 
-// The times that a step reads from its clock decide how many evaluations it makes. With the same times, another run on
-// a clock of another speed repeats every bit.
+// The number of evaluations of a step depends on the times that it reads from its clock. With the same times, another
+// run on a clock of another speed repeats every bit.
 TEST(Budget, TheReadingsOfTheClockRepeatARun)
 {
     std::vector<std::vector<double>> readings, right;
