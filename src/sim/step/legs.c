@@ -18,7 +18,14 @@
 #include <math.h>
 #include <string.h>
 
-enum { MAX_LEGS = 32, MAX_BLOCKED = 4 /* in a row */ }; /* legs of a step that solver/iterations does not end first */
+enum {
+    MAX_LEGS = 32,          /* legs of a step that solver/iterations does not end first */
+    MAX_BLOCKED = 4,        /* blocked legs in a row */
+    MAX_CHECKED_TRIALS = 4, /* fractions of a leg of rigid pieces */
+    MAX_HOLD_TRIALS = 3     /* fractions of the motion of tools that block a dynamic leg */
+};
+/* fraction of a leg that is free: the rest is shorter than the distance that all pairs keep */
+static const double nearly_all = 1 - 1e-6;
 
 static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
 
@@ -399,14 +406,12 @@ static pliant_status find_free_fraction(const pliant_model *model, pliant_data *
  * the state that was reached. If it is not free, halve the fraction up to three times, and then use 0. */
 static pliant_status apply_checked_fraction(const pliant_model *model, pliant_data *data, double *fraction)
 {
-    enum { MAX_TRIALS = 4 };
-    const double nearly = 1 - 1e-6; /* the rest of the leg is shorter than the distance that all pairs keep */
     pliant_status status = pliant_legs_apply_fraction(model, data, *fraction);
-    for (int again = 0; again < MAX_TRIALS && data->rigid_pieces && *fraction > 0 && status >= 0; again++) {
+    for (int again = 0; again < MAX_CHECKED_TRIALS && data->rigid_pieces && *fraction > 0 && status >= 0; again++) {
         double found = 1;
         status = find_free_fraction(model, data, *fraction, &found);
-        if (status < 0 || found >= nearly) break;
-        const double less = again + 1 < MAX_TRIALS ? 0.5 : 0;
+        if (status < 0 || found >= nearly_all) break;
+        const double less = again + 1 < MAX_CHECKED_TRIALS ? 0.5 : 0;
         *fraction *= less;
         status = pliant_legs_apply_fraction(model, data, less);
     }
@@ -457,13 +462,11 @@ static pliant_status apply_quasi_static(const pliant_model *model, pliant_data *
  * Shorten the motion of the tools of blocked islands, so that the tissue keeps its momentum. */
 static pliant_status hold_tools(const pliant_model *model, pliant_data *data, double *fraction_of_parts)
 {
-    enum { MAX_TRIALS = 3 };
-    const double short_of = 0.99; /* fraction of the possible motion, which is known as a lower bound */
     pliant_status status = PLIANT_OK;
-    for (int again = 0; again < MAX_TRIALS && *fraction_of_parts < 1 && status == PLIANT_OK; again++) {
+    for (int again = 0; again < MAX_HOLD_TRIALS && *fraction_of_parts < 1 && status == PLIANT_OK; again++) {
         for (int t = 0; t < data->num_tools; t++) {
             pliant_leg_tool *leg = data->legs->tool + t;
-            const double fraction = again + 1 < MAX_TRIALS ? short_of * leg->free_fraction : 0;
+            const double fraction = again + 1 < MAX_HOLD_TRIALS ? PLIANT_ADVANCE_SAFETY * leg->free_fraction : 0;
             if (leg->free_fraction < 1) leg->goal = pliant_tool_pose_between(&leg->begin, &leg->goal, fraction);
         }
         status = pliant_contact_advance(model, data, 1, true, fraction_of_parts);
