@@ -2,7 +2,6 @@
 #include "cuts.h"
 #include "sim/build/model.h"
 
-#include <algorithm>
 #include <cstdlib>
 #include <string>
 
@@ -81,10 +80,10 @@ TEST(LiverKnife, SeversTheSection)
     pliant_data_free(at_once);
 }
 
-// With resistance, up to the work of one tooth. The last tooth has the width of the edge in tissue, even where little
-// tissue is left ahead. The edge is as wide as the liver and bends it by several centimetres.
+// The edge is as wide as the liver and bends it by several centimetres. A stroke ends when the edge has left the
+// tissue. With inertia the halves then swing freely, and can swing over the edge.
 // With six evaluations a stroke of 10 mm/s severs 8 % more than the section.
-TEST(LiverKnife, TakesToughnessTimesItsAreaUpToATooth)
+TEST(LiverKnife, TakesToughnessTimesItsArea)
 {
     for (const pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED})
         for (const double speed : {0.044, 0.02, 0.01}) {
@@ -94,23 +93,21 @@ TEST(LiverKnife, TakesToughnessTimesItsAreaUpToATooth)
                 scene.tled.damping = 20;
                 scene.cut.drag = 0.003;
             });
-            const double way = speed * liver.scene.solver.step,
-                         drag = std::max(liver.scene.cut.drag, liver.scan.geometry.spacing[2]); // at least a voxel
+            const double way = speed * liver.scene.solver.step;
             pliant_tool_state state{};
-            double work = 0, widest = 0;
+            double work = 0;
             for (double z = 0.153; z > 0.06; z -= way) { // the liver lies between z = 0.075 and 0.15 m
                 const double before = -state.force[2];
                 state = liver.step(z);
                 work += 0.5 * (before - state.force[2]) * way;
-                widest = std::max(widest, state.engaged_length);
+                if (state.pieces > 1 && state.engaged_length == 0 && state.force[2] == 0) break;
             }
-            const double ideal = toughness * state.severed_area, tooth = toughness * widest * drag;
+            const double ideal = toughness * state.severed_area;
             if (std::getenv("PLIANT_FIGURES"))
-                std::printf("solver %d, %g mm/s: area %.4f of the section's, work %.4f of toughness times area, "
-                            "a tooth %.4f\n",
-                            kind, 1e3 * speed, state.severed_area / liver.section, work / ideal, tooth / ideal);
+                std::printf("solver %d, %g mm/s: area %.4f of the section's, work %.4f of toughness times area\n", kind,
+                            1e3 * speed, state.severed_area / liver.section, work / ideal);
             EXPECT_NEAR(state.severed_area, liver.section, 0.05 * liver.section) << kind << ", " << speed;
-            EXPECT_NEAR(work, ideal, tooth) << kind << ", " << speed;
+            EXPECT_NEAR(work, ideal, 0.05 * ideal) << kind << ", " << speed;
             EXPECT_EQ(state.force[2], 0) << kind << ", " << speed;
         }
 }

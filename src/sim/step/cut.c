@@ -193,14 +193,39 @@ static void cut_freely(const knife *work)
 
 /* ---- resistance */
 
-/* Compute the force that cuts the tissue ahead of the blade over this width of the edge [N]; 0: no tissue is ahead.
- * Return false on an error. */
-static bool find_force_ahead(const knife *work, double width, double *force)
+/* Resistance of the tissue ahead of a blade to a cut. */
+typedef struct resistance {
+    double force;  /* force that cuts it [N]; 0: no tissue is ahead */
+    double energy; /* energy of its area up to one voxel ahead of the blade, after dragged tissue has returned [J] */
+} resistance;
+
+/* Return the distance from a previous position of the blade's middle to a row of the edge's points, along a unit vector
+ * [m]. */
+static double distance_since(const pliant_blade *blade, const double *points, const double along[3],
+                             const double start[3])
+{
+    double motion[3];
+    pliant_blade_middle(&blade->edge, points, motion);
+    for (int d = 0; d < 3; d++) motion[d] -= start[d];
+    return pliant_dot3(motion, along);
+}
+
+/* Return the distance that the edge's points have been dragged [m]. */
+static double distance_dragged(const pliant_blade *blade)
+{
+    double along[3] = {blade->drag_displacement[0], blade->drag_displacement[1], blade->drag_displacement[2]};
+    if (!blade->is_dragging || !(pliant_normalize3(along) > 0)) return 0;
+    return fmax(distance_since(blade, blade->edge.place, along, blade->cut_end), 0);
+}
+
+/* Find the resistance: the toughness times the edge's width in tissue. Where the tissue ends, the force is smaller, so
+ * that a voxel's length of it takes the remaining energy. Return false on an error. */
+static bool find_resistance(const knife *work, resistance *out)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
     pliant_cut_report report = {0};
-    extend(blade, edge->now, work->ahead, edge->swept);
+    extend(blade, edge->now, work->ahead + distance_dragged(blade), edge->swept);
     pliant_cut_sweep sweep = {.count = edge->count,
                               .from = edge->place,
                               .to = edge->swept,
@@ -213,7 +238,9 @@ static bool find_force_ahead(const knife *work, double width, double *force)
         log_failure(work);
         return false;
     }
-    *force = report.area > 0 ? energy_of(work, &report) / report.area * width : 0;
+    const double width = pliant_blade_length(blade) / edge->count * fmax(count_in_tissue(work), 1);
+    out->energy = energy_of(work, &report);
+    out->force = report.area > 0 ? out->energy * fmin(width / report.area, 1 / work->ahead) : 0;
     return true;
 }
 
@@ -318,15 +345,6 @@ static bool moves_far(const knife *work, const double last[3])
     return sqrt(fmax(pliant_dot3(motion, motion) - slide * slide, 0)) > long_motion * reach_of(work);
 }
 
-/* Return the distance from a previous position of the blade's middle to the present one, along a unit vector [m]. */
-static double distance_since(const pliant_blade *blade, const double along[3], const double start[3])
-{
-    double motion[3];
-    pliant_blade_middle(&blade->edge, blade->edge.now, motion);
-    for (int d = 0; d < 3; d++) motion[d] -= start[d];
-    return pliant_dot3(motion, along);
-}
-
 /* Set the force of a step in which tissue is free: `force`, which cuts the tissue ahead, corrected so that the account
  * returns to 0. The force acts over half of this step and half of the next one (trapezoidal rule).
  * Return false if no force is needed. */
@@ -339,7 +357,7 @@ static bool set_free_tissue_force(const knife *work, double force, const double 
     find_drag_displacement(tool);
     memcpy(along, blade->drag_displacement, sizeof along);
     const double motion = pliant_normalize3(along), before = pliant_dot3(blade->force, along),
-                 uncut = motion > 0 ? fmax(distance_since(blade, along, blade->cut_end), 0) : 0,
+                 uncut = motion > 0 ? fmax(distance_since(blade, blade->edge.now, along, blade->cut_end), 0) : 0,
                  owed = force * uncut - blade->work - 0.5 * (before + force) * motion,
                  felt = motion > 0 ? fmin(fmax(force + owed / motion, 0), blade->stiffness * reach_of(work)) : 0;
     for (int d = 0; d < 3; d++) blade->free_tissue_force[d] = felt * along[d];
@@ -350,15 +368,16 @@ static bool set_free_tissue_force(const knife *work, double force, const double 
 
 /* Return whether the blade should slip in this step: the account is then nearer to 0 than if it slips in the next step.
  * A slip cuts tissue at the end of the next step. */
-static bool is_paid(const knife *work, double force, double reach, const double last[3])
+static bool is_paid(const knife *work, const resistance *ahead, double reach, const double last[3])
 {
     const pliant_blade *blade = &work->tool->blade;
     double along[3] = {blade->drag_displacement[0], blade->drag_displacement[1], blade->drag_displacement[2]};
-    const double motion = pliant_normalize3(along), step = fmax(distance_since(blade, along, last), 0),
-                 uncut = fmax(distance_since(blade, along, blade->cut_end), 0),
-                 work_if_slipping =
-                     blade->work + 0.5 * pliant_dot3(blade->force, along) * step - force * (uncut + step),
-                 waits = work_if_slipping + (blade->stiffness * motion - force) * step;
+    const double motion = pliant_normalize3(along), step = fmax(distance_since(blade, blade->edge.now, along, last), 0),
+                 uncut = fmax(distance_since(blade, blade->edge.now, along, blade->cut_end), 0),
+                 gained = blade->work + 0.5 * pliant_dot3(blade->force, along) * step,
+                 work_if_slipping = gained - fmin(ahead->force * (uncut + step), ahead->energy),
+                 waits =
+                     gained + blade->stiffness * motion * step - fmin(ahead->force * (uncut + 2 * step), ahead->energy);
     if (motion < 0.5 * reach) return false;
     return work_if_slipping + fmax(waits, work_if_slipping) >= 0 || motion >= 2 * reach;
 }
@@ -377,7 +396,7 @@ static bool cut_free_tissue(const knife *work, bool *returns)
 }
 
 /* Drag tissue, or slip. */
-static void drag_or_slip(const knife *work, double force, bool reattach, const double last[3])
+static void drag_or_slip(const knife *work, const resistance *ahead, bool reattach, const double last[3])
 {
     pliant_blade *blade = &work->tool->blade;
     if (!blade->is_dragging && !blade->has_slipped) {
@@ -386,7 +405,7 @@ static void drag_or_slip(const knife *work, double force, bool reattach, const d
     }
     blade->has_slipped = false;
     find_drag_displacement(work->tool);
-    if (blade->is_dragging && is_paid(work, force, reach_of(work), last)) slip(work, last);
+    if (blade->is_dragging && is_paid(work, ahead, reach_of(work), last)) slip(work, last);
     else drag(work, reattach);
 }
 
@@ -397,27 +416,26 @@ static void move_against_resistance(const knife *work, const double last[3], boo
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
-    double force;
+    resistance ahead;
     bool returns = false, reattach = blade->has_slipped;
     if (blade->is_dragging) find_drag_displacement(tool);
     else if (!blade->has_slipped) memset(blade->drag_displacement, 0, sizeof blade->drag_displacement);
     if (blade->has_slipped && !cut_free_tissue(work, &returns)) return;
-    if (!find_force_ahead(work, pliant_blade_length(blade) / blade->edge.count, &force)) return;
-    if (force > 0 && !blade->is_dragging && !move_edge_outside_tissue(work, &reattach)) return;
+    if (!find_resistance(work, &ahead)) return;
+    if (ahead.force > 0 && !blade->is_dragging && !move_edge_outside_tissue(work, &reattach)) return;
     const int32_t inside = pliant_blade_num_inside(&blade->edge);
-    if (force == 0 || inside == 0) {
+    if (ahead.force == 0 || inside == 0) {
         if (!blade->has_slipped || !set_free_tissue_force(work, 0, last)) cut_freely(work);
         return;
     }
-    force *= fmax(count_in_tissue(work), 1);
-    blade->stiffness = 2 * force / reach_of(work);
+    blade->stiffness = 2 * ahead.force / reach_of(work);
     if (!far && !returns) {
-        drag_or_slip(work, force, reattach, last);
+        drag_or_slip(work, &ahead, reattach, last);
         return;
     }
     if (blade->is_dragging) slip(work, last);
     else if (!blade->has_slipped && !cut_to_blade(work)) return;
-    set_free_tissue_force(work, force, last);
+    set_free_tissue_force(work, ahead.force, last);
 }
 
 /* ---- a step */
