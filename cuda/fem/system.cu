@@ -211,6 +211,7 @@ static pliant_status send_all(const passage &work)
     gpu->num_nodes = mesh->num_nodes;
     gpu->num_free = now->num_free;
     gpu->num_fine = now->fine->num_nodes;
+    gpu->law = now->law;
     if (gpu->num_tets > gpu->tet_stride)
         gpu->tet_stride = work.capacity->grows ? gpu->num_tets + gpu->num_tets / 4 : gpu->num_tets;
     CUDA_TRY(send(work, REST, mesh->rest, 3 * (size_t)mesh->num_nodes, mesh_was->rest, 3 * (size_t)mesh_was->num_nodes,

@@ -15,6 +15,7 @@ typedef struct gpu_system {
     double *d_gradients;       /* (12 x tet_stride) */
     double *d_lame;            /* (2 x tet_stride) */
     double *d_stiffness;       /* (144 x tet_stride); NULL: isotropic */
+    pliant_elasticity law;     /* of isotropic tetrahedra */
     uint8_t *d_grounded;       /* (num_tets); NULL: no grounded element */
     int32_t *d_node_of_free;   /* (num_free) */
     int32_t *d_free_of_node;   /* (num_nodes) or -1; NULL: no cut has put nodes on edges */

@@ -166,8 +166,8 @@ typedef struct pliant_truth {
 /** Estimate the error of a mesh by Richardson's extrapolation over three meshes. They are the scene's
  *  mesh and finer meshes with up to sweep->max_refined_tets tetrahedra, or else coarser meshes. Loads are the
  *  sweep's pulls by displacement and force, and the scene's gravity. Each row gives the errors of mesh and solver, the
- *  larger one, and the options that reduce it. Linear tetrahedra of the fine mesh on a CPU can have two laws
- *  (element/law). Then more rows contain the same for the law that is not the scene's, and the distance between both.
+ *  larger one, and the options that reduce it. Elements of the fine mesh can have two laws (element/law). Then more
+ *  rows contain the same for the law that is not the scene's, and the distance between both.
  *  @param input    The scene with its inputs.
  *  @param sweep    Points and loads.
  *  @param tables   Nullable, in/out: truth gets rows.

@@ -170,7 +170,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
       "nodal pressure) and for contact (contact/self, obstacles, tools with a shape); the log names the choice")     \
     X(ELASTICITY, law, PLIANT_ELASTICITY_COROTATIONAL, 0, 0, "",                                                     \
       "solver/kind: corotational: elastic law; corotational: for moderate strains; neo_hookean: for large strains, " \
-      "of linear tetrahedra on the fine mesh, on the CPU")
+      "on the fine mesh")
 #define PLIANT_SCENE_MODEL(X)                                                                                     \
     X(METHOD, method, PLIANT_FINE, 0, 0, "",                                                                      \
       "fine: solve the fine mesh; all others: solve a coarse mesh, homogenized by this method")                   \

@@ -21,17 +21,15 @@ static pliant_status choose(const pliant_host_solver *host_solver, pliant_backen
 }
 
 /* Return why only the CPU can solve the scene, or NULL. */
-static const char *find_cpu_reason(const pliant_model *model, const pliant_data *data)
+static const char *find_cpu_reason(const pliant_data *data)
 {
-    if (model->scene.element.law == PLIANT_ELASTICITY_NEO_HOOKEAN) return "element/law: neo_hookean has no GPU code";
-    if (data->solver && data->solver->pressures) return "a poisson_ratio above 0.49 has no GPU code";
-    return NULL;
+    return data->solver && data->solver->pressures ? "a poisson_ratio above 0.49 has no GPU code" : NULL;
 }
 
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data)
 {
     const pliant_host_solver *host_solver = pliant_host_solver_of(model);
-    const char *reason = find_cpu_reason(model, data);
+    const char *reason = find_cpu_reason(data);
     if (reason && model->scene.solver.backend == PLIANT_CUDA)
         return pliant_fail(PLIANT_ERROR_SCENE, "solver/backend: cuda; %s; set auto or cpu", reason);
     const pliant_backend_choice choice = reason ? PLIANT_CPU : model->scene.solver.backend;

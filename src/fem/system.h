@@ -49,6 +49,9 @@ typedef struct pliant_upsample {
     const uint8_t *still;   /* Nullable: (fine nodes) nodes marked PLIANT_FIXED_AT_REST keep their rest position */
 } pliant_upsample;
 
+/* Moduli of a neo-Hookean element, times volume [N m] (element/neo_hookean.h). */
+typedef struct pliant_macro_law { double lambda, mu; } pliant_macro_law;
+
 /* Elements with a variable number of corners. There are two kinds: hexahedra on their own eight nodes (hexahedra.c),
  * and the macro-elements of lod (src/fem/coarse/NUMERICS.md). A macro-element is a cube of the solved lattice that
  * contains tissue. Its corners are all solved nodes that move the fine nodes of the cube.
@@ -73,6 +76,7 @@ typedef struct pliant_macros {
     /* Nullable: (count) volume * mu, the weight of an element in the rotation of its nodes' axes [N m]; NULL: axes do
      * not turn. */
     double *shear;
+    pliant_macro_law *law;    /* Nullable: (count) NULL: the elements are corotational */
     int32_t *rank;            /* (count) rows of root */
     /* (count) (rank x 3 corners) [sqrt(N/m)]; in single precision, since a step reads these more than all other data */
     float **root;
@@ -223,6 +227,8 @@ typedef struct pliant_unchanged_elements {
 /* ---- Implemented in elements.c. */
 /* Free everything that the system owns except its preconditioner, and zero the struct. */
 void pliant_system_clear(pliant_system *system);
+/* Return whether an element only fills empty space through which tissue moves. */
+bool pliant_tet_fills(const pliant_tet_material *material);
 /* Return the first index >= from that is not kept, or `count` if all are kept. */
 int32_t pliant_next_changed(const uint8_t *kept, int32_t count, int32_t from);
 /* Build isotropic linear tetrahedra ([H] 2.1).

@@ -19,7 +19,7 @@ static const char help[] =
     "Measurements (default: all):\n"
     "  --sweep             error against run time\n"
     "  --truth             error of the mesh, from three resolutions, compared with the error of the solver; for\n"
-    "                      linear tetrahedra, with both laws (element/law), and the distance between the laws\n"
+    "                      model/method: fine, with both laws (element/law), and the distance between the laws\n"
     "  --validate FOLDER   measured bodies: fitted on one state, predicted in the others; may be repeated, "
     "and needs no scan. FOLDER holds\n"
     "                       gravity_markers.csv, truthcube*.csv, tables like these of any name, or scene.yaml, "

@@ -197,10 +197,7 @@ static int list_laws(const pliant_scene *scene, pliant_elasticity law[2])
 {
     law[0] = scene->element.law;
     law[1] = law[0] == PLIANT_ELASTICITY_COROTATIONAL ? PLIANT_ELASTICITY_NEO_HOOKEAN : PLIANT_ELASTICITY_COROTATIONAL;
-    return scene->model.method == PLIANT_FINE && pliant_scene_element_kind(scene, NULL) == PLIANT_LINEAR &&
-                   scene->solver.backend != PLIANT_CUDA
-               ? 2
-               : 1;
+    return scene->model.method == PLIANT_FINE ? 2 : 1;
 }
 
 /* Append the results of a case after its key. is_other: of the law that is not the scene's */

@@ -23,8 +23,6 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
         {scene->contact.self || scene->contact.obstacles[0] || scene->obstacles.num_boxes > 0 ||
              scene->obstacles.num_planes > 0,
          "contact/self, obstacles: thin sheets of hexahedra fold over what presses them", NULL},
-        {scene->element.law == PLIANT_ELASTICITY_NEO_HOOKEAN, "element/law: neo_hookean is for tetrahedra",
-         "corotational"},
         {tled && scene->tled.nodal_pressure,
          "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
     };

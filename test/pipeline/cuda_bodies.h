@@ -21,6 +21,7 @@ struct Case {
     int tools;
     pliant_preconditioner_choice preconditioner;
     pliant_element_kind element = PLIANT_LINEAR;
+    pliant_elasticity law = PLIANT_ELASTICITY_COROTATIONAL;
 };
 
 inline void prepare(Body &body, const Case &c, pliant_backend_choice backend)
@@ -29,6 +30,7 @@ inline void prepare(Body &body, const Case &c, pliant_backend_choice backend)
     body.scene.solver.preconditioner = c.preconditioner;
     body.scene.model.method = c.method;
     body.scene.element.kind = c.element;
+    body.scene.element.law = c.law;
     body.scene.model.gravity[0] = c.gravity;
     body.scene.grasp.damping = c.damping;
     body.scene.solver.iterations = 100;

@@ -20,6 +20,7 @@ struct Case {
     pliant_preconditioner_choice preconditioner;
     pliant_element_kind element;
     pliant_cut_kind cut = PLIANT_CUT_SEVER;
+    pliant_elasticity law = PLIANT_ELASTICITY_COROTATIONAL;
 };
 
 void set(Body &body, const Case &c, pliant_backend_choice backend)
@@ -29,6 +30,7 @@ void set(Body &body, const Case &c, pliant_backend_choice backend)
     body.scene.solver.preconditioner = c.preconditioner;
     body.scene.model.method = c.method;
     body.scene.element.kind = c.element;
+    body.scene.element.law = c.law;
     body.scene.model.gravity[2] = -2;
     body.scene.solver.iterations = 200;
     body.scene.solver.tolerance = 1e-8;
@@ -85,9 +87,13 @@ TEST(CudaCut, MeetsTheCpu)
                           Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE},
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE},
-                          Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE}}) {
+                          Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SEVER,
+                               PLIANT_ELASTICITY_NEO_HOOKEAN},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA, PLIANT_CUT_SEVER,
+                               PLIANT_ELASTICITY_NEO_HOOKEAN}}) {
         SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) +
-                     " " + std::to_string(c.element) + " " + std::to_string(c.cut));
+                     " " + std::to_string(c.element) + " " + std::to_string(c.cut) + " " + std::to_string(c.law));
         const std::vector<Material> two = {{5000, 0.4, 1000, false}, {60000, 0.4, 1100, false}};
         auto inclusions = [](int i, int j, int) { return i / 6 % 2 && j / 8 % 2 ? 1 : 0; };
         Body cpu(size, box, two, inclusions), gpu(size, box, two, inclusions);

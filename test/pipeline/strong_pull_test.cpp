@@ -10,16 +10,18 @@ namespace {
 
 // A grasp at the top of a block of 12 cm jumps by 7 or 12 cm in one step. No step ends with an inverted element, and
 // the held tissue reaches the tool.
-void expect_jump(pliant_solver_kind solver)
+void expect_jump(pliant_solver_kind solver, pliant_elasticity law = PLIANT_ELASTICITY_COROTATIONAL,
+                 double poisson = 0.45)
 {
     const int size[3] = {6, 6, 6};
     const double box[3] = {0.12, 0.12, 0.12}, top[3] = {0.06, 0.06, 0.1};
     for (const pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
         for (const double jump : {0.07, 0.12}) {
-            Body body(size, box, {{4000, 0.45, 1000, false}});
+            Body body(size, box, {{4000, poisson, 1000, false}});
             body.cells(6, 6, 6, 1);
             body.fix_plane(0, 0, 0.001, 0, 0, 1);
             body.scene.element.kind = kind;
+            body.scene.element.law = law;
             body.scene.solver.kind = solver;
             ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
             int tool = -1;
@@ -39,6 +41,11 @@ void expect_jump(pliant_solver_kind solver)
 }
 
 TEST(StrongPull, OfOneStepInvertsNoElement) { expect_jump(PLIANT_COROTATIONAL); }
+TEST(StrongPull, OfOneStepInvertsNoNeoHookeanElement)
+{
+    expect_jump(PLIANT_COROTATIONAL, PLIANT_ELASTICITY_NEO_HOOKEAN);
+    expect_jump(PLIANT_COROTATIONAL, PLIANT_ELASTICITY_NEO_HOOKEAN, 0.4999);
+}
 TEST(StrongPull, OfOneStepInvertsNoElementInExplicitDynamics) { expect_jump(PLIANT_TLED); }
 
 void use_patch(pliant_scene &scene)

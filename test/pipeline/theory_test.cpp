@@ -1,8 +1,6 @@
 // Solved states against closed forms: a stretched bar, a cantilever under mesh refinement, gravity, tools.
 #include "body.h"
 
-#include "fem/element/law.h"
-
 namespace {
 
 // Bar of length L along z, fixed at the bottom, pulled by gravity along +z with nu = 0: u(L) = rho g L^2 / (2 E), and
@@ -131,61 +129,6 @@ TEST(Theory, ToolForceBalancesTheSupport)
 }
 
 // [H] 8 and 9: the gravity force on coarse nodes is minus the gradient of the gravitational energy of the fine mesh.
-// element/law: neo_hookean. The force on a face of a block with a homogeneous deformation is P n A. A large pull
-// converges, needs another force than the corotational law, and dynamic relaxation with the same law agrees.
-TEST(Theory, NeoHookeanTetrahedraHaveTheirStress)
-{
-    const int size[3] = {16, 16, 16};
-    const double box[3] = {0.1, 0.1, 0.1}, poisson = 0.4, young = 5000, mu = young / 2 / (1 + poisson),
-                 lambda = young * poisson / (1 + poisson) / (1 - 2 * poisson);
-    const double point[3] = {0.05, 0.05, 0.0875}, pulled[3] = {0.05, 0.05, 0.1275};
-    double force[3], lifted[3];
-    for (int run = 0; run < 3; run++) { // corotational, neo-Hookean, dynamic relaxation
-        Body body(size, box, {{young, poisson, 1000, false}});
-        body.cells(4, 4, 4, 2);
-        body.fix_plane(0, 0, 0, 0, 0, 1);
-        body.scene.element.kind = PLIANT_LINEAR;
-        body.scene.grasp.radius = 0.03;
-        body.scene.element.law = run == 1 ? PLIANT_ELASTICITY_NEO_HOOKEAN : PLIANT_ELASTICITY_COROTATIONAL;
-        if (run == 2) body.scene.solver.kind = PLIANT_TLED;
-        body.scene.tled.quasi_static = true;
-        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        const pliant_mesh &mesh = body.model->body->fine;
-        if (run == 1) {
-            const double f[9] = {1.1, 0.2, 0, -0.1, 0.8, 0.3, 0.1, 0, 1.4};
-            std::vector<double> x(3 * static_cast<size_t>(mesh.num_nodes));
-            for (int32_t n = 0; n < mesh.num_nodes; n++)
-                for (int d = 0; d < 3; d++)
-                    for (int c = 0; c < 3; c++) x[3 * n + d] += f[3 * d + c] * mesh.rest[3 * n + c];
-            const std::vector<double> nodal = body.elastic_force(x);
-            double stress[9], top[3] = {0, 0, 0};
-            pliant_law_response(PLIANT_LAW_NEO_HOOKEAN, lambda, mu, f, stress);
-            for (int32_t n = 0; n < mesh.num_nodes; n++)
-                for (int d = 0; d < 3 && mesh.rest[3 * n + 2] > 0.0999; d++) top[d] += nodal[3 * n + d];
-            for (int d = 0; d < 3; d++) EXPECT_NEAR(top[d], stress[3 * d + 2] * 0.01, 1e-9);
-        }
-        int tool;
-        ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
-        pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr);
-        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, pulled, nullptr), PLIANT_OK);
-        if (run < 2) {
-            ASSERT_EQ(body.settle(), PLIANT_OK);
-        } else {
-            for (int step = 0; step < 40; step++) ASSERT_GE(pliant_step(body.model, body.data), 0);
-        }
-        EXPECT_EQ(pliant_data_get_inverted(body.data), 0);
-        force[run] = body.data->tools[tool].force[2];
-        lifted[run] = 0;
-        for (int32_t n = 0; n < mesh.num_nodes; n++)
-            lifted[run] += (body.data->positions[3 * n + 2] - mesh.rest[3 * n + 2]) / mesh.num_nodes;
-    }
-    std::printf("force %.4f N corotational, %.4f N neo-Hookean, %.4f N by relaxation\n", force[0], force[1], force[2]);
-    EXPECT_NEAR(lifted[1], lifted[2], 2e-3 * lifted[2]);
-    EXPECT_NEAR(force[1], force[2], 5e-3 * force[2]);
-    EXPECT_GT(std::fabs(force[0] - force[1]), 0.02 * force[1]);
-}
-
 TEST(Theory, GravityEnergyOfTheFineMeshIsPreserved)
 {
     const int size[3] = {24, 24, 24};

@@ -2,6 +2,7 @@
 #include "cuda/base/launch.h"
 #include "cuda/fem/element/forces.h"
 #include "cuda/fem/element/rotation.cuh"
+#include "fem/element/neo_hookean.h"
 
 enum { ELEMENT_THREADS = 64, GATHER_THREADS = 128, NODES = GATHER_THREADS / 4 };
 
@@ -88,9 +89,15 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
     double f[9], r[9], force[12];
     load_corners(system, iteration.d_x[gpu_target(&state)], t, c);
     pliant_deformation(c.x, c.g, f);
-    element_rotation(system, t, f, r);
-    if (system.d_stiffness) homogenized_force(system, t, c, r, force);
-    else pliant_corotational_force(f, r, system.d_lame[t], system.d_lame[(size_t)system.tet_stride + t], c.g, force);
+    if (system.law == PLIANT_ELASTICITY_NEO_HOOKEAN) {
+        pliant_neo_hookean_force(f, system.d_grounded && system.d_grounded[t], system.d_lame[t],
+                                 system.d_lame[(size_t)system.tet_stride + t], c.g, force);
+    } else {
+        element_rotation(system, t, f, r);
+        if (system.d_stiffness) homogenized_force(system, t, c, r, force);
+        else
+            pliant_corotational_force(f, r, system.d_lame[t], system.d_lame[(size_t)system.tet_stride + t], c.g, force);
+    }
     double2 *out = reinterpret_cast<double2 *>(iteration.d_element_force + 16 * (size_t)t);
 #pragma unroll
     for (int v = 0; v < 4; v++) {

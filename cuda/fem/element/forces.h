@@ -1,4 +1,4 @@
-/* Corotated elastic forces and the residual (src/fem/element/elements.c, src/fem/quasistatic/residual.c). */
+/* Elastic forces and the residual (src/fem/element/elements.c, src/fem/quasistatic/residual.c). */
 #ifndef PLIANT_CUDA_FORCES_H
 #define PLIANT_CUDA_FORCES_H
 

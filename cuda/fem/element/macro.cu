@@ -1,6 +1,7 @@
 #include "cuda/base/check.h"
 #include "base/fail.h"
 #include "fem/element/macro_element.h"
+#include "fem/element/neo_hookean.h"
 #include "cuda/fem/element/macro.h"
 #include "cuda/fem/element/rotation.cuh"
 #include "cuda/fem/solver_state.h"
@@ -32,7 +33,9 @@ enum {
     ENTRY_START,
     ENTRY_CORNER,
     ENTRY_SHAPE,
-    SHEAR
+    SHEAR,
+    LAW,
+    ADDITION
 };
 
 struct sending { bool grows; cudaStream_t stream; size_t *capacity; };
@@ -116,6 +119,8 @@ pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cu
     CUDA_TRY(upload(to, GRADIENT, macros->gradient, 24 * count, &out->d_gradient));
     CUDA_TRY(upload(to, RANK, macros->rank, count, &out->d_rank));
     CUDA_TRY(upload(to, SHEAR, macros->shear, macros->shear ? count : 0, &out->d_shear));
+    CUDA_TRY(upload(to, LAW, macros->law, macros->law ? count : 0, &out->d_law));
+    if (macros->law) CUDA_TRY(capacity_for(to, ADDITION, 9 * count, &out->d_addition));
     CUDA_TRY(upload(to, CUBE_OF_CORNER, macros->cube_of_corner, corners, &out->d_cube_of_corner));
     CUDA_TRY(capacity_for(to, FRAME, count, &out->d_frame));
     try {
@@ -138,7 +143,7 @@ void pliant_cuda_macros_free(gpu_macros *macros)
                       macros->d_cube_of_corner, macros->d_fine_start,  macros->d_fine,         macros->d_held,
                       macros->d_grounded,       macros->d_gradient,    macros->d_frame,        macros->d_root_start,
                       macros->d_root,           macros->d_entry_start, macros->d_entry_corner, macros->d_entry_shape,
-                      macros->d_shear};
+                      macros->d_shear,          macros->d_law,         macros->d_addition};
     for (void *block : blocks) pliant_cuda_release(block);
     memset(macros, 0, sizeof *macros);
 }
@@ -158,15 +163,22 @@ static __device__ void frame_of(const gpu_system &system, const double *x, int c
         rotation_of(f, out->rotation);
 }
 
-/* Compute all frames. evaluates: of the evaluated iterate; otherwise of the present one. */
+/* Compute all frames. evaluates: of the evaluated iterate, with what the elements' law adds to their stresses;
+ * otherwise of the present one. */
 static __global__ void __launch_bounds__(FRAMES)
     macro_frame_kernel(gpu_system system, gpu_iteration iteration, bool evaluates)
 {
     const gpu_state &state = *iteration.d_state;
     const int cube = (int)(blockIdx.x * FRAMES + threadIdx.x);
     if (cube >= system.macros.count || (evaluates && (state.done || gpu_has_forces(&state)))) return;
+    const gpu_macros &macros = system.macros;
     double f[9];
-    frame_of(system, iteration.d_x[evaluates ? gpu_target(&state) : state.now], cube, f, system.macros.d_frame + cube);
+    frame_of(system, iteration.d_x[evaluates ? gpu_target(&state) : state.now], cube, f, macros.d_frame + cube);
+    if (!evaluates || !macros.d_law) return;
+    const pliant_macro_law law = macros.d_law[cube];
+    double addition[9];
+    pliant_neo_hookean_addition(f, macros.d_frame[cube].rotation, law.lambda, law.mu, addition);
+    for (int m = 0; m < 9; m++) macros.d_addition[9 * (size_t)cube + m] = addition[m];
 }
 
 /* ---- One block per cube. */
@@ -251,6 +263,9 @@ static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system 
     if (lane >= count) return;
     double turned[3];
     pliant_macro_turn(macros.d_frame[cube].rotation, q + 3 * lane, turned);
+    if (macros.d_law) /* the corners are the cube's own nodes */
+        pliant_add_product(macros.d_addition + 9 * (size_t)cube, macros.d_gradient + 24 * (size_t)cube + 3 * lane,
+                           turned);
     for (int d = 0; d < 3; d++) iteration.d_element_force[4 * (size_t)(begin + lane) + d] = turned[d];
 }
 

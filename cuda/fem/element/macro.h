@@ -17,6 +17,8 @@ typedef struct gpu_macros {
     int32_t *d_start, *d_node, *d_own, *d_rank, *d_cube_of_corner, *d_fine_start, *d_fine;
     uint8_t *d_held, *d_grounded;
     double *d_gradient, *d_shear; /* d_shear is NULL for homogenized elements */
+    pliant_macro_law *d_law;      /* (count) NULL: corotational */
+    double *d_addition;           /* (count x 9) what the law adds to the stress; NULL without d_law [N m] */
     pliant_macro_frame *d_frame; /* (count) of the last requested iterate */
     int64_t *d_root_start;     /* (count) into d_root */
     float *d_root;
@@ -25,7 +27,7 @@ typedef struct gpu_macros {
     float *d_entry_shape;
 } gpu_macros;
 
-enum { MACRO_ARRAYS = 17 };
+enum { MACRO_ARRAYS = 19 };
 
 /* Create the macro-elements, or replace them after a cut. `capacity`: (MACRO_ARRAYS) of the arrays, in bytes.
  * Errors: MEMORY, UNAVAILABLE; the caller frees partial results. */

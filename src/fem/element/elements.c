@@ -1,7 +1,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "fem/element/deformation.h"
-#include "fem/element/law.h"
+#include "fem/element/neo_hookean.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
 #include "base/memory.h"
@@ -10,19 +10,18 @@
 #include <math.h>
 #include <string.h>
 
-/* Return whether an element only fills empty space through which tissue moves. Such elements are easily squeezed flat
- * and inverted. With rotations they have many equilibria, and iterations do not converge. With R = I there is one
- * equilibrium. */
-static bool fills(const pliant_tet_material *material) { return !(material->tissue > 0) && material->mu > 0; }
+bool pliant_tet_fills(const pliant_tet_material *material) { return !(material->tissue > 0) && material->mu > 0; }
 
+/* Elements that fill empty space are easily squeezed flat and inverted. With rotations they have many equilibria, and
+ * iterations do not converge. With R = I there is one equilibrium. */
 static pliant_status fill(pliant_system *system, const pliant_tet_material *material)
 {
     int32_t count = 0;
-    for (int32_t t = 0; t < system->mesh->num_tets; t++) count += fills(material + t);
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) count += pliant_tet_fills(material + t);
     if (count == 0) return PLIANT_OK;
     system->grounded = pliant_calloc((size_t)system->num_blocks * LANES, sizeof *system->grounded);
     if (!system->grounded) return pliant_fail_memory("the elements");
-    for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = fills(material + t);
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = pliant_tet_fills(material + t);
     return PLIANT_OK;
 }
 
@@ -63,8 +62,8 @@ static pliant_status make_next(pliant_system *system, const pliant_tet_material 
                 pliant_mark_written(system->grounded, (size_t)e / LANES * LANES, LANES, sizeof *system->grounded);
         }
         make_element(system, material, e);
-        if (system->grounded) system->grounded[e] = e < tets && fills(material + e);
-        else any = any || (e < tets && fills(material + e));
+        if (system->grounded) system->grounded[e] = e < tets && pliant_tet_fills(material + e);
+        else any = any || (e < tets && pliant_tet_fills(material + e));
     }
     return any ? fill(system, material) : PLIANT_OK;
 }
@@ -128,36 +127,18 @@ PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12]
     memcpy(out, forces, sizeof forces);
 }
 
-/* Compute the forces of neo-Hookean elements (law.h): P = mu (F - cof F) + b cof F. Elements that only fill empty space
- * stay linear. */
+/* Compute the forces of neo-Hookean elements. Elements that only fill empty space stay linear. */
 PLIANT_VECTORIZED static void neo_hookean_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES],
                                                  const uint8_t *grounded, double out[12][LANES])
 {
     double f[9][LANES], forces[12][LANES];
     deformation_of(x, g, f);
     for (int l = 0; l < LANES; l++) {
-        const double lambda = lame[0][l], mu = lame[1][l];
-        double u[9], cofactor[9], p[9], trace = 0, shear, a;
-        for (int m = 0; m < 9; m++) u[m] = f[m][l];
-        for (int m = 0; m < 9; m++) trace += u[m] * u[m];
-        for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) {
-                const int r1 = 3 * ((r + 1) % 3), r2 = 3 * ((r + 2) % 3), c1 = (c + 1) % 3, c2 = (c + 2) % 3;
-                cofactor[3 * r + c] = u[r1 + c1] * u[r2 + c2] - u[r1 + c2] * u[r2 + c1];
-            }
-        const double change = u[0] * cofactor[0] + u[1] * cofactor[1] + u[2] * cofactor[2] - 1;
-        pliant_law_double_terms(PLIANT_LAW_NEO_HOOKEAN, mu, trace - 3, change, &a, &shear);
-        const double b = shear + lambda * change, pressure = lambda * (u[0] + u[4] + u[8] - 3);
-        const bool is_linear = grounded && grounded[l];
-        for (int m = 0; m < 9; m++) {
-            const double identity = m % 4 == 0, linear = pressure * identity + mu * (u[m] + u[m / 3 + m % 3 * 3] -
-                                                                                    2 * identity);
-            p[m] = is_linear ? linear : a * (u[m] - cofactor[m]) + b * cofactor[m];
-        }
-        for (int v = 0; v < 4; v++)
-            for (int d = 0; d < 3; d++)
-                forces[3 * v + d][l] = p[3 * d] * g[3 * v][l] + p[3 * d + 1] * g[3 * v + 1][l] +
-                                       p[3 * d + 2] * g[3 * v + 2][l];
+        double deformation[9], gradients[12], force[12];
+        for (int m = 0; m < 9; m++) deformation[m] = f[m][l];
+        for (int m = 0; m < 12; m++) gradients[m] = g[m][l];
+        pliant_neo_hookean_force(deformation, grounded && grounded[l], lame[0][l], lame[1][l], gradients, force);
+        for (int m = 0; m < 12; m++) forces[m][l] = force[m];
     }
     memcpy(out, forces, sizeof forces);
 }

@@ -278,6 +278,20 @@ static void stiffness_of(const pliant_cube_shape *shape, const pliant_cube *cube
 
 /* ---- Macro-elements. */
 
+void pliant_cube_law(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material,
+                     pliant_macro_law *out)
+{
+    double lambda[5], mu[5];
+    bool fills = true;
+    pliant_cube_moduli(cube, volume, material, lambda, mu);
+    *out = (pliant_macro_law){0, 0};
+    for (int slot = 0; slot < 5; slot++) fills = fills && pliant_tet_fills(material + cube->tet[slot]);
+    for (int slot = 0; slot < 5 && !fills; slot++) {
+        out->lambda += volume[slot] * lambda[slot];
+        out->mu += volume[slot] * mu[slot];
+    }
+}
+
 pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness)
 {
     double root[UNKNOWNS * UNKNOWNS];
@@ -301,6 +315,7 @@ pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, 
     stiffness_of(shape, cube, material, complete, k);
     for (int slot = 0; slot < 5; slot++) shear += shape->volume[slot] * material[cube->tet[slot]].mu;
     macros->shear[element] = shear;
+    if (macros->law) pliant_cube_law(cube, shape->volume, material, macros->law + element);
     return pliant_macros_keep(macros, element, UNKNOWNS, k);
 }
 
@@ -308,9 +323,11 @@ pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_ma
                                     pliant_macros *macros, int32_t element)
 {
     double k[144];
+    const double volume = pliant_mesh_gradients(mesh, tet, macros->gradient + 24 * (size_t)element);
     for (int v = 0; v < CORNERS; v++) macros->own[8 * element + v] = v < 4 ? mesh->tets[4 * tet + v] : -1;
-    macros->shear[element] =
-        material[tet].mu * pliant_mesh_gradients(mesh, tet, macros->gradient + 24 * (size_t)element);
+    macros->shear[element] = volume * material[tet].mu;
+    if (macros->law && !pliant_tet_fills(material + tet))
+        macros->law[element] = (pliant_macro_law){volume * material[tet].lambda, volume * material[tet].mu};
     pliant_tet_stiffness(mesh, tet, material + tet, k);
     return pliant_macros_keep(macros, element, 12, k);
 }
@@ -332,6 +349,13 @@ static pliant_status take_capacity(pliant_macros *macros, size_t count, size_t c
 pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners)
 {
     return take_capacity(macros, count, corners, pliant_calloc);
+}
+
+pliant_status pliant_macros_allocate_law(pliant_macros *macros, pliant_elasticity law)
+{
+    if (law == PLIANT_ELASTICITY_COROTATIONAL) return PLIANT_OK;
+    macros->law = pliant_calloc((size_t)macros->count, sizeof *macros->law);
+    return macros->law ? PLIANT_OK : pliant_fail_memory("the hexahedra");
 }
 
 pliant_status pliant_macros_reserve_entries(pliant_macros *macros, size_t count, size_t corners)
@@ -389,6 +413,7 @@ static void copy_hexahedron(const pliant_macros *from, int32_t was, const pliant
     memcpy(macros->own + 8 * (size_t)element, cube->node, sizeof cube->node);
     memcpy(macros->gradient + 24 * (size_t)element, from->gradient + 24 * (size_t)was, 24 * sizeof *macros->gradient);
     macros->shear[element] = from->shear[was];
+    if (macros->law) macros->law[element] = from->law[was];
     pliant_macros_share_root(from, was, macros, element);
 }
 
@@ -448,6 +473,7 @@ pliant_status pliant_system_build_hexahedra(pliant_system *system, const pliant_
     if (status == PLIANT_OK && !(system->macros = pliant_calloc(1, sizeof *system->macros)))
         status = pliant_fail_memory("the hexahedra");
     if (status == PLIANT_OK) status = pliant_macros_allocate(system->macros, elements, corners);
+    if (status == PLIANT_OK) status = pliant_macros_allocate_law(system->macros, system->law);
     if (status == PLIANT_OK && kept) status = list_earlier(before, kept, lists.cells, &earlier);
     if (status == PLIANT_OK) status = fill(system, material, complete, &lists, kept ? &earlier : NULL);
     pliant_free(earlier.element);

@@ -75,11 +75,16 @@ double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube 
 /* Return the mean lambda that materials lack [Pa]. complete: (num_tets) with all of it; NULL: 0. */
 double pliant_cube_missing_lambda(const pliant_cube *cube, const double volume[5],
                                   const pliant_tet_material *material, const pliant_tet_material *complete);
+/* Compute the moduli of a neo-Hookean cube; zero if it only fills empty space. volume: of its tetrahedra [m^3]. */
+void pliant_cube_law(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material,
+                     pliant_macro_law *out);
 /* Allocate macro-elements. count: elements; corners: total number of corners. Errors: MEMORY. */
 pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners);
 /* Allocate the same without initializing the memory. The count is zero, and a function that adds an element writes all
  * its data. Errors: MEMORY. */
 pliant_status pliant_macros_reserve_entries(pliant_macros *macros, size_t count, size_t corners);
+/* Allocate the law of the elements, which the functions that add elements then fill. Errors: MEMORY. */
+pliant_status pliant_macros_allocate_law(pliant_macros *macros, pliant_elasticity law);
 /* Return the number of lane blocks that hold the elements' forces (four corners per lane) and rotations (one per
  * lane). */
 int32_t pliant_macros_blocks(size_t count, size_t corners);

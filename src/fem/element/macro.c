@@ -2,6 +2,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "fem/element/macro_element.h"
+#include "fem/element/neo_hookean.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
 #include "base/memory.h"
@@ -18,11 +19,11 @@ static const double *rest_of(const pliant_system *system)
     return system->macros->rest ? system->macros->rest : system->mesh->rest;
 }
 
-/* Compute the frames of cubes [first, first + LANES). */
-static void frames_of(const pliant_system *system, const double *x, int32_t first, pliant_macro_frame out[LANES])
+/* Compute the frames of cubes [first, first + LANES), and their deformation gradients f and rotations r. */
+static void deform(const pliant_system *system, const double *x, int32_t first, pliant_macro_frame out[LANES],
+                   double f[9][LANES], double r[9][LANES])
 {
     const pliant_macros *macros = system->macros;
-    double f[9][LANES], r[9][LANES];
     for (int l = 0; l < LANES; l++) {
         int32_t cube = first + l;
         double one[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
@@ -34,6 +35,44 @@ static void frames_of(const pliant_system *system, const double *x, int32_t firs
     rotations_of(f, r);
     for (int l = 0; l < LANES; l++)
         for (int m = 0; m < 9; m++) out[l].rotation[m] = r[m][l];
+}
+
+static void frames_of(const pliant_system *system, const double *x, int32_t first, pliant_macro_frame out[LANES])
+{
+    double f[9][LANES], r[9][LANES];
+    deform(system, x, first, out, f, r);
+}
+
+PLIANT_VECTORIZED static void additions_of(double f[9][LANES], double r[9][LANES], double lame[2][LANES],
+                                           double out[9][LANES])
+{
+    for (int l = 0; l < LANES; l++) {
+        double deformation[9], rotation[9], stress[9];
+        for (int m = 0; m < 9; m++) deformation[m] = f[m][l], rotation[m] = r[m][l];
+        pliant_neo_hookean_addition(deformation, rotation, lame[0][l], lame[1][l], stress);
+        for (int m = 0; m < 9; m++) out[m][l] = stress[m];
+    }
+}
+
+/* Compute what the neo-Hookean law adds to the stresses of elements [first, first + LANES). */
+static void find_additions(const pliant_macros *macros, int32_t first, double f[9][LANES], double r[9][LANES],
+                           double out[9][LANES])
+{
+    double lame[2][LANES];
+    for (int l = 0; l < LANES; l++) {
+        const pliant_macro_law *law = macros->law + (first + l < macros->count ? first + l : first);
+        lame[0][l] = law->lambda, lame[1][l] = law->mu;
+    }
+    additions_of(f, r, lame, out);
+}
+
+/* Add a stress to the forces of an element, whose corners are its own nodes. out: (corners x 3). */
+static void add_stress(const pliant_macros *macros, int32_t cube, double stress[9][LANES], int lane, double *out)
+{
+    double one[9];
+    for (int m = 0; m < 9; m++) one[m] = stress[m][lane];
+    for (int32_t v = 0; v < macros->start[cube + 1] - macros->start[cube]; v++)
+        pliant_add_product(one, macros->gradient + 24 * (size_t)cube + 3 * v, out + 3 * v);
 }
 
 /* Compute q of every corner of a cube. */
@@ -74,14 +113,17 @@ void pliant_macro_forces(const pliant_system *system, const double *positions, d
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t first = 0; first < macros->count; first += LANES) {
         double q[3 * PLIANT_MAX_CORNERS], f[3 * PLIANT_MAX_CORNERS];
+        double deformations[9][LANES], rotations[9][LANES], additions[9][LANES];
         pliant_macro_frame frames[LANES];
-        frames_of(system, positions, first, frames);
+        deform(system, positions, first, frames, deformations, rotations);
+        if (macros->law) find_additions(macros, first, deformations, rotations, additions);
         for (int32_t cube = first; cube < first + LANES && cube < macros->count; cube++) {
             double *out = forces + 3 * (size_t)macros->start[cube];
             int32_t n = 3 * (macros->start[cube + 1] - macros->start[cube]);
             corners_in_frame(system, positions, cube, &frames[cube - first], q);
             apply_root(macros->rank[cube], n, macros->root[cube], q, f);
             for (int32_t i = 0; i < n; i += 3) pliant_macro_turn(frames[cube - first].rotation, f + i, out + i);
+            if (macros->law) add_stress(macros, cube, additions, cube - first, out);
         }
     }
 }
@@ -418,7 +460,7 @@ void pliant_macros_free(pliant_macros *macros)
                       macros->own,          macros->gradient,    macros->rank,           macros->root,
                       macros->fine_start,   macros->fine,        macros->cube_of_fine,   macros->entry_start,
                       macros->entry_corner, macros->entry_shape, macros->cube_of_corner, macros->cell,
-                      macros->shear,        macros->rest};
+                      macros->shear,        macros->law,         macros->rest};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(macros);
 }

@@ -211,10 +211,10 @@ static int32_t find_earlier(const leaves *work, int32_t leaf, const int32_t node
     return same ? was : -1;
 }
 
-/* Compute C'KC of a leaf, and C' times its mean gradient. */
+/* Compute C'KC of a leaf, and C' times its mean gradient. law: Nullable. */
 static void condense(leaves *work, int32_t leaf, const pliant_tet_material *material,
                      const pliant_tet_material *complete, double c[CORNERS][CORNERS], double *shear, double *gradient,
-                     double *out)
+                     pliant_macro_law *law, double *out)
 {
     const int32_t *start = work->mesh->leaf_start + leaf;
     pliant_cube cube = {.part = false};
@@ -237,6 +237,7 @@ static void condense(leaves *work, int32_t leaf, const pliant_tet_material *mate
             for (int j = 0; j < UNKNOWNS; j++)
                 out[UNKNOWNS * (3 * m + i % 3) + j] += c[i / 3][m] * half[UNKNOWNS * i + j];
         }
+    if (law) pliant_cube_law(&cube, shape->volume, material, law);
     *shear = 0;
     for (int slot = 0; slot < 5; slot++) *shear += shape->volume[slot] * material[cube.tet[slot]].mu;
 }
@@ -256,10 +257,12 @@ static pliant_status add_leaf(leaves *work, int32_t leaf, const pliant_tet_mater
     if (was >= 0) {
         memcpy(gradient, work->earlier->gradient + UNKNOWNS * (size_t)was, UNKNOWNS * sizeof *gradient);
         macros->shear[element] = work->earlier->shear[was];
+        if (macros->law) macros->law[element] = work->earlier->law[was];
         pliant_macros_share_root(work->earlier, was, macros, element);
         return PLIANT_OK;
     }
-    condense(work, leaf, material, complete, c, &macros->shear[element], gradient, k);
+    condense(work, leaf, material, complete, c, &macros->shear[element], gradient,
+             macros->law ? macros->law + element : NULL, k);
     return pliant_macros_keep(macros, element, UNKNOWNS, k);
 }
 
@@ -339,7 +342,8 @@ static pliant_status allocate_elements(leaves *work)
     for (int32_t e = 0; work->earlier && e < work->earlier->count; e++)
         if (work->earlier->start[e + 1] - work->earlier->start[e] == CORNERS)
             work->element[work->earlier->cell[e]] = e + 1;
-    return pliant_macros_allocate(work->system->macros, count, corners);
+    const pliant_status status = pliant_macros_allocate(work->system->macros, count, corners);
+    return status == PLIANT_OK ? pliant_macros_allocate_law(work->system->macros, work->system->law) : status;
 }
 
 pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material,

@@ -198,23 +198,25 @@ pliant_status pliant_pressures_create(const pliant_system *system, const pliant_
 
 /* ---- Changes of volume. */
 
-/* Compute F and the derivative of its volume change: R, or of the neo-Hookean law cof F. */
-PLIANT_VECTORIZED static void block_of_tets(const pliant_system *system, int32_t block, double x[12][LANES],
-                                            double f[9][LANES], double r[9][LANES])
+PLIANT_VECTORIZED static void deformations_of(double x[12][LANES], double g[12][LANES], double f[9][LANES])
 {
-    deformation_of(x, system->gradients[block], f);
-    if (system->law == PLIANT_ELASTICITY_COROTATIONAL) {
-        pliant_rotations(f, r);
-        return;
-    }
-    for (int l = 0; l < LANES; l++)
-        for (int m = 0; m < 9; m++) {
-            const int r1 = 3 * ((m / 3 + 1) % 3), r2 = 3 * ((m / 3 + 2) % 3), c1 = (m + 1) % 3, c2 = (m + 2) % 3;
-            r[m][l] = f[r1 + c1][l] * f[r2 + c2][l] - f[r1 + c2][l] * f[r2 + c1][l];
-        }
+    deformation_of(x, g, f);
 }
 
-PLIANT_VECTORIZED static void rotations_of(double f[9][LANES], double r[9][LANES]) { pliant_rotations(f, r); }
+/* Compute the derivative of the volume change by F: R, or of the neo-Hookean law cof F. */
+PLIANT_VECTORIZED static void derivatives_of(pliant_elasticity law, double f[9][LANES], double out[9][LANES])
+{
+    if (law == PLIANT_ELASTICITY_COROTATIONAL) {
+        pliant_rotations(f, out);
+        return;
+    }
+    for (int l = 0; l < LANES; l++) {
+        double one[9], cofactor[9];
+        for (int m = 0; m < 9; m++) one[m] = f[m][l];
+        pliant_cofactor(one, cofactor);
+        for (int m = 0; m < 9; m++) out[m][l] = cofactor[m];
+    }
+}
 
 /* F of a hexahedron, or of a tetrahedron next to a cut. */
 static void deformation_of_macro(const pliant_system *system, int32_t element, const double *positions, double f[9])
@@ -250,15 +252,15 @@ void pliant_pressures_find(const pliant_pressures *pressures, const pliant_syste
         double x[12][LANES], f[9][LANES], r[9][LANES];
         if (!system->macros) {
             load_corners(system, positions, first / LANES, x);
-            block_of_tets(system, first / LANES, x, f, r);
+            deformations_of(x, system->gradients[first / LANES], f);
         } else {
             for (int l = 0; l < LANES; l++) {
                 double one[9];
                 deformation_of_macro(system, first + l < count ? first + l : first, positions, one);
                 for (int m = 0; m < 9; m++) f[m][l] = one[m];
             }
-            rotations_of(f, r);
         }
+        derivatives_of(system->law, f, r);
         for (int l = 0; l < LANES && first + l < count; l++) {
             const int32_t e = first + l, begin = pliant_element_begin(system, e);
             double one[9], turned[9], gradient[12];

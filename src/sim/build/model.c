@@ -464,9 +464,6 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
         {is_neo_hookean && !is_fine,
          "element/law: neo_hookean conflicts with model/method: homogenized elements are linear; set fine, or "
          "element/law to corotational"},
-        {is_neo_hookean && scene->solver.backend == PLIANT_CUDA,
-         "element/law: neo_hookean conflicts with solver/backend: cuda, which has no such elements; set auto, or "
-         "element/law to corotational"},
         {subdivides && !is_fine,
          "cut/kind: subdivide conflicts with model/method: coarse elements hold whole tetrahedra; set fine, or "
          "cut/kind to sever"},
