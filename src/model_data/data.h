@@ -4,6 +4,7 @@
 
 #include "base/account.h"
 #include "base/step_clock.h"
+#include "contact/advance/advance.h"
 #include "contact/contact.h"
 #include "pliant/contact.h"
 #include "model_data/background.h"
@@ -62,6 +63,9 @@ typedef struct pliant_missing_depth {
     double cells;                      /* radius of the narrowest contact over the cell size. 0: it is unknown */
 } pliant_missing_depth;
 
+/* Load of the tissue on a proxy: force and torque about the tip, and torque that opens the jaws [N, N m]. */
+typedef struct pliant_proxy_load { double wrench[6], jaw; } pliant_proxy_load;
+
 typedef struct pliant_tool {
     char name[48];
     /* INPUT, written by pliant_tool_*. */
@@ -98,6 +102,10 @@ typedef struct pliant_tool {
         bool has_jumped;       /* in the last step, to the measured pose */
         double tip[3], rotation[4], jaw;
         double target[3]; /* tip of the target in the last step [m] */
+        /* Quasi-static steps: where the proxy would be without a load, and the load of its coupling. Both end as far in
+         * a leg as the proxy does. The load is not summed over the contact points again, because points vanish. */
+        pliant_tool_pose unloaded;
+        pliant_proxy_load load;
         /* Force and torque of its coupling, and torque of its jaws, from the solve of the last leg [N, N m]. A
          * shortened leg does not change them. */
         double coupling_load[3];

@@ -40,6 +40,14 @@ static bool has_jumped(const pliant_model *model, const pliant_tool *tool)
            pliant_distance3(tool->tip, tool->proxy.tip) - missing > model->scene.contact.max_proxy_error;
 }
 
+/* Set the proxy to a pose at which its coupling has no load. */
+static void set_free_proxy(pliant_tool *tool, const pliant_tool_pose *pose)
+{
+    pliant_tool_set_proxy(tool, pose);
+    tool->proxy.unloaded = *pose;
+    tool->proxy.load = (pliant_proxy_load){.jaw = 0};
+}
+
 /* Set the proxy of a new tool to its target. If it is then inside tissue, it is released: it has no contact until
  * it is outside again. If the target has jumped, set the proxy to it only when no tissue is there; otherwise the
  * proxy stays. */
@@ -59,7 +67,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
     else if (!is_free || is_inside) return PLIANT_OK;
     else tool->proxy.has_jumped = true;
     data->legs->tool[t].is_placed = true;
-    pliant_tool_set_proxy(tool, &measured);
+    set_free_proxy(tool, &measured);
     memset(tool->proxy.coupling_load, 0, sizeof tool->proxy.coupling_load);
     for (int32_t p = 0; p < data->contacts.count; p++) { /* forces at the pose that the proxy has left */
         pliant_contact_point *point = data->contacts.point + p;
@@ -110,7 +118,7 @@ static void end_step(pliant_data *data)
         memcpy(tool->tip, measured->tip, sizeof tool->tip);
         memcpy(tool->rotation, measured->rotation, sizeof tool->rotation);
         tool->jaw = measured->jaw;
-        if (tool->shape.num_parts == 0) pliant_tool_set_proxy(tool, measured);
+        if (tool->shape.num_parts == 0) set_free_proxy(tool, measured);
         set_followed(tool);
         if (tool->present)
             statistics->proxy_error = fmax(statistics->proxy_error, pliant_distance3(tool->tip, tool->proxy.tip));
@@ -169,24 +177,6 @@ static void linearize(const pliant_model *model, const pliant_data *data, int t,
                            limit);
 }
 
-/* Return the pose of the unloaded coupling that would balance the present load at the start of the leg. A part of a
- * step moves the unloaded coupling from here towards its target. If it began at the proxy's pose, each part would first
- * release the load. In explicit dynamics, couplings do not balance loads, and the pose is the proxy's. */
-static pliant_tool_pose balanced_pose(const pliant_model *model, pliant_data *data, int t)
-{
-    pliant_leg_tool *leg = data->legs->tool + t;
-    const pliant_proxy_load before = leg->before;
-    pliant_contact_body couple[2];
-    pliant_touch_limit limit[3];
-    pliant_tool_pose out = leg->begin;
-    if (data->tled || !data->tools[t].present || data->tools[t].shape.num_parts == 0) return out;
-    for (int k = 0; k < 6; k++) leg->before.wrench[k] *= -1;
-    leg->before.jaw *= -1;
-    linearize(model, data, t, &leg->begin, &out, couple, limit);
-    leg->before = before;
-    return out;
-}
-
 /* Save the proxies' poses and loads at the start of a leg. In explicit dynamics, the load is the mean over about one
  * step, because contacts of tissue that vibrates open and close: update_loads filters it within a step. */
 static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
@@ -196,7 +186,8 @@ static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
         pliant_leg_tool *leg = data->legs->tool + t;
         double joint[3], axis[3];
         leg->begin = pliant_tool_proxy(data->tools + t);
-        if (data->legs->first || !data->tled) pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
+        if (!data->tled) leg->before = data->tools[t].proxy.load;
+        else if (data->legs->first) pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
         pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
         pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
         status =
@@ -208,7 +199,7 @@ static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
             pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before, max_distance_of(data),
                                                     leg->yields);
         leg->behind = data->tled ? pose_behind_target(data->tools + t, leg) : leg->measured;
-        leg->balanced = balanced_pose(model, data, t);
+        leg->from = data->tled ? leg->begin : data->tools[t].proxy.unloaded;
     }
     return status;
 }
@@ -221,8 +212,8 @@ static double fraction_of(const pliant_model *model, pliant_data *data, int t, b
     const pliant_leg_tool *leg = data->legs->tool + t;
     const double maximum = max_distance_of(data);
     if (!tool->present || tool->shape.num_parts == 0) return 1;
-    /* A proxy in balance behind its target stays there. A proxy whose compliance has just grown loses load at once. */
-    double distance = fmin(pliant_tool_max_motion(tool, &leg->balanced, &leg->measured),
+    /* A proxy that its load keeps behind its target stays there. */
+    double distance = fmin(pliant_tool_max_motion(tool, &leg->from, &leg->measured),
                            pliant_tool_max_motion(tool, &leg->begin, &leg->measured));
     if (distance > maximum && expected) {
         pliant_contact_body couple[2];
@@ -297,7 +288,7 @@ static void set_goals(const pliant_model *model, pliant_data *data, double fract
         pliant_grasp_constraint *grasp = grasp_constraint_of(data, t);
         const double own = dynamic ? fraction * limit_speed(model, data, tool, leg, fraction)
                                    : fmin(fraction, fraction_of(model, data, t, false));
-        leg->goal = pliant_tool_pose_between(&leg->balanced, &leg->behind, own);
+        leg->goal = leg->unloaded = pliant_tool_pose_between(&leg->from, &leg->behind, own);
         for (int k = 0; k < 3; k++) leg->yields[k] *= data->fraction; /* as far in a step, however many legs it has */
         linearize(model, data, t, &leg->goal, &leg->ahead, data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
         if (data->tled) leg->goal = leg->ahead;
@@ -345,17 +336,16 @@ static double update_loads(const pliant_model *model, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = data->tools + t;
         pliant_leg_tool *leg = data->legs->tool + t;
-        pliant_proxy_load load;
         if (!tool->present || tool->shape.num_parts == 0) continue;
-        pliant_proxy_find_load(data, t, &leg->ahead, &load);
+        pliant_proxy_find_load(data, t, &leg->ahead, &leg->after);
         if (data->tled) {
-            mix_load(&load, data->fraction, &leg->before);
-            load = leg->before;
+            mix_load(&leg->after, data->fraction, &leg->before);
+            leg->after = leg->before;
         }
-        const double limit = pliant_proxy_fraction_to_limit(model, tool, &leg->before, &load);
+        const double limit = pliant_proxy_fraction_to_limit(model, tool, &leg->before, &leg->after);
         if (data->tled) continue;
-        leg->goal = pliant_proxy_pose_under_load(tool, &leg->ahead, data->legs->proxy + 2 * t, &load);
-        fraction = fmin(fraction, fmin(limit, fraction_of_yield(data, t, &load)));
+        leg->goal = pliant_proxy_pose_under_load(tool, &leg->ahead, data->legs->proxy + 2 * t, &leg->after);
+        fraction = fmin(fraction, fmin(limit, fraction_of_yield(data, t, &leg->after)));
     }
     return fraction;
 }
@@ -503,9 +493,14 @@ static pliant_status apply_leg(const pliant_model *model, pliant_data *data)
         is_dynamic(data) ? apply_dynamic(model, data, &factor, smallest) : apply_quasi_static(model, data, &factor);
     if (!is_dynamic(data)) *smallest = factor;
     for (int t = 0; t < data->num_tools && status >= 0; t++) {
-        const pliant_leg_tool *leg = data->legs->tool + t;
-        const pliant_tool_pose end = pliant_tool_pose_between(&leg->begin, &leg->goal, factor * leg->free_fraction);
-        pliant_tool_set_proxy(data->tools + t, &end);
+        pliant_leg_tool *leg = data->legs->tool + t;
+        const double fraction = factor * leg->free_fraction;
+        const pliant_tool_pose end = pliant_tool_pose_between(&leg->begin, &leg->goal, fraction);
+        pliant_tool *tool = data->tools + t;
+        pliant_tool_set_proxy(tool, &end);
+        tool->proxy.unloaded = pliant_tool_pose_between(&leg->from, &leg->unloaded, fraction);
+        mix_load(&leg->before, 1 - fraction, &leg->after);
+        tool->proxy.load = leg->after;
     }
     if (status >= 0) pliant_contact_follow_proxies(data);
     assert(status < 0 || pliant_contact_is_outside_cores(model, data));
@@ -637,7 +632,7 @@ pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data)
 
 void pliant_legs_set_goals_reached(pliant_data *data)
 {
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_set_proxy(data->tools + t, &data->legs->tool[t].goal);
+    for (int t = 0; t < data->num_tools; t++) set_free_proxy(data->tools + t, &data->legs->tool[t].goal);
     end_step(data);
 }
 
@@ -652,7 +647,7 @@ void pliant_legs_skip(const pliant_model *model, pliant_data *data)
     data->statistics.legs = 1;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool_pose measured = pliant_tool_measured(data->tools + t);
-        pliant_tool_set_proxy(data->tools + t, &measured);
+        set_free_proxy(data->tools + t, &measured);
         data->tools[t].proxy.has_jumped = false;
         set_followed(data->tools + t);
         data->tools[t].proxy.missing = (pliant_missing_depth){.fraction = 1};

@@ -39,10 +39,10 @@ typedef struct pliant_leg_tool {
     double free_fraction;       /* fraction of the leg that this tool's island can make; 1 in quasi-static steps */
     double piece_compliance[2]; /* pliant_proxy_compliance with the contact points of the previous leg */
     pliant_missing_depth missing; /* likewise */
-    pliant_tool_pose balanced;    /* unloaded coupling that balances `before` at `begin` */
+    pliant_tool_pose from, unloaded; /* without a load: at the start and at the end of the leg */
     double yields[3];           /* pliant_proxy_estimate_tissue_compliance; 0 in quasi-static steps */
     double target[3];           /* grasp target at the target pose [m] */
-    pliant_proxy_load before;   /* load on the proxy at the start of the leg */
+    pliant_proxy_load before, after; /* load on the proxy at the start of the leg; of the solved leg */
 } pliant_leg_tool;
 
 struct pliant_legs {

@@ -22,8 +22,6 @@ double pliant_tool_max_motion(const pliant_tool *tool, const pliant_tool_pose *f
 
 /* Compute the joint of the jaws [m] and their unit axis at a pose. */
 void pliant_tool_joint(const pliant_tool *tool, const pliant_tool_pose *pose, double joint[3], double axis[3]);
-/* Load of the tissue on a proxy: force and torque about the tip, and torque that opens the jaws [N, N m]. */
-typedef struct pliant_proxy_load { double wrench[6], jaw; } pliant_proxy_load;
 /* Compute the load on a proxy at a pose, from the forces of the contact points. */
 void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool_pose *pose, pliant_proxy_load *out);
 /* Linearize the coupling for one leg: of the tool about its tip, and of the jaws about their joint. The
