@@ -81,7 +81,8 @@ pliant_status pliant_data_get_scalar(const pliant_model *model, const pliant_dat
     return PLIANT_OK;
 }
 
-void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3])
+/* Compute the force and torque of the contact points of a tool, about its tip. */
+static void sum_contacts(const pliant_data *data, int tool, double force[3], double torque[3])
 {
     const double *tip = data->tools[tool].proxy.tip;
     memset(force, 0, 3 * sizeof *force);
@@ -97,5 +98,20 @@ void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], d
             force[d] += point->force[d];
             torque[d] += arm[(d + 1) % 3] * point->force[(d + 2) % 3] - arm[(d + 2) % 3] * point->force[(d + 1) % 3];
         }
+    }
+}
+
+/* After a shortened leg the points' forces are no equilibrium, because some points have vanished. The load of the
+ * coupling is. */
+void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3])
+{
+    const double *load = data->tools[tool].proxy.load.wrench;
+    if (!data->solver || data->statistics.advanced == 1) {
+        sum_contacts(data, tool, force, torque);
+        return;
+    }
+    for (int d = 0; d < 3; d++) {
+        force[d] = -load[d];
+        torque[d] = -load[3 + d];
     }
 }

@@ -302,6 +302,7 @@ static void forget(pliant_contact_search *search)
 void pliant_contact_discard(pliant_data *data)
 {
     data->contacts.count = 0;
+    for (int t = 0; t < data->num_tools; t++) data->tools[t].proxy.load = (pliant_proxy_load){.jaw = 0};
     forget(data->contact_search);
 }
 
