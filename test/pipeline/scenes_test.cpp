@@ -202,4 +202,38 @@ TEST(Scenes, OrgansTouchToolsAndObstaclesAndEachOther)
     pliant_path_free(&path);
 }
 
+// With few evaluations, legs are shortened often, and contact points vanish. The load of the coupling stays bounded.
+TEST(Scenes, JawsOnTheLiverKeepTheirLimitsWithFewEvaluations)
+{
+    SceneRun run("grasp");
+    const int32_t cells[3] = {26, 18, 22};
+    std::copy(cells, cells + 3, run.scene.mesh.coarse_cells);
+    run.scene.solver.iterations = 8;
+    ASSERT_EQ(run.build("phantom"), PLIANT_OK) << pliant_last_error();
+    pliant_tool_shape shape{};
+    int tool;
+    ASSERT_EQ(pliant_tool_shape_find("cadiere_forceps", &shape), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_tool_add(run.model, run.data, "PSM1", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_shape(run.data, tool, &shape), PLIANT_OK) << pliant_last_error();
+    pliant_tool_shape_free(&shape);
+    const double rotation[4] = {0.5, -0.5, -0.5, 0.5}, step = run.scene.solver.step;
+    double largest = 0;
+    for (int s = 0; s * step < 3.2; s++) { // the tool approaches, waits, and closes its jaws in 2 s
+        const double time = s * step, tip[3] = {0.09 - 0.04 * std::min(time, 1.0), -0.048, 0.128};
+        ASSERT_EQ(pliant_tool_set_pose(run.data, tool, tip, rotation), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_jaw(run.data, tool, 1 - 0.55 * std::max(time - 1.2, 0.0)), PLIANT_OK);
+        ASSERT_GE(pliant_step(run.model, run.data), 0) << pliant_last_error();
+        pliant_tool_state state;
+        ASSERT_EQ(pliant_tool_get(run.data, tool, &state), PLIANT_OK);
+        const double *f = state.contact_force, force = std::sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]);
+        largest = std::max(largest, force);
+        ASSERT_LT(force, 1.02 * run.scene.contact.max_force) << s;
+        ASSERT_LT(run.data->tools[tool].proxy.coupling_load[2], 1.02 * run.scene.contact.grip_torque) << s;
+        ASSERT_LT(run.data->statistics.proxy_error, run.scene.contact.max_proxy_error) << s;
+        ASSERT_LT(run.data->contacts.count, 200) << s;
+        ASSERT_EQ(pliant_data_get_inverted(run.data), 0) << s;
+    }
+    EXPECT_GT(largest, 0.5);
+}
+
 } // namespace
