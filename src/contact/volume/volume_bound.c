@@ -1,5 +1,6 @@
 #include "contact/volume/volume_bound.h"
 
+#include "base/cubic.h"
 #include "base/vector3.h"
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"
@@ -171,35 +172,13 @@ double pliant_volume_lacking(const pliant_contact_settings *settings, const plia
 
 /* ---- bound */
 
-/* Compute the Bernstein coefficients of the volume along a leg, which bound it from below and above. They are
- * values of the polar form (Farin, Curves and Surfaces for CAGD, 5th ed., 2002, ch. 5). */
+/* Compute the coefficients of an element's volume along a leg. */
 static void find_coefficients(const int32_t tet[4], const double *from, const double *to, double out[4])
 {
-    double a[3][3], b[3][3];
-    find_edges(tet, from, a);
-    find_edges(tet, to, b);
-    out[0] = pliant_triple3(a[0], a[1], a[2]);
-    out[1] =
-        (pliant_triple3(b[0], a[1], a[2]) + pliant_triple3(a[0], b[1], a[2]) + pliant_triple3(a[0], a[1], b[2])) / 3;
-    out[2] =
-        (pliant_triple3(b[0], b[1], a[2]) + pliant_triple3(b[0], a[1], b[2]) + pliant_triple3(a[0], b[1], b[2])) / 3;
-    out[3] = pliant_triple3(b[0], b[1], b[2]);
-}
-
-enum { LEVELS = 20 };
-
-/* Return a fraction up to which a cubic stays above `limit`, by bisection from the left. The error is at most
- * 2^-levels. */
-static double find_time(const double b[4], double limit, int levels)
-{
-    if (fmin(fmin(b[0], b[1]), fmin(b[2], b[3])) >= limit) return 1;
-    if (levels == 0) return 0;
-    /* de Casteljau's algorithm gives both halves */
-    const double low = 0.5 * (b[0] + b[1]), middle = 0.5 * (b[1] + b[2]), high = 0.5 * (b[2] + b[3]);
-    const double left[4] = {b[0], low, 0.5 * (low + middle), 0.25 * (low + 2 * middle + high)};
-    const double right[4] = {left[3], 0.5 * (middle + high), high, b[3]};
-    const double time = find_time(left, limit, levels - 1);
-    return time < 1 ? 0.5 * time : 0.5 + 0.5 * find_time(right, limit, levels - 1);
+    double edges[2][3][3];
+    find_edges(tet, from, edges[0]);
+    find_edges(tet, to, edges[1]);
+    pliant_cubic_coefficients((const double(*)[3])edges[0], (const double(*)[3])edges[1], out);
 }
 
 static double limit_of(const pliant_contact_settings *settings, double rest, double from)
@@ -216,7 +195,7 @@ static double fraction_of(const pliant_contact_settings *settings, const int32_t
     double coefficient[4];
     find_coefficients(tet, from, to, coefficient);
     if (!(coefficient[0] > 0)) return 1;
-    return find_time(coefficient, limit_of(settings, volume_of(tet, rest), coefficient[0]), LEVELS);
+    return pliant_cubic_time(coefficient, limit_of(settings, volume_of(tet, rest), coefficient[0]));
 }
 
 double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
