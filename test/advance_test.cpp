@@ -149,7 +149,7 @@ struct Leg {
         EXPECT_EQ(pliant_advance_audit(with.advance, 1, triangle, from[0].data(), 1, &leg, 1, &found), PLIANT_OK);
         return found.minimum;
     }
-    double limit(double d) const { return std::max(std::min(0.1 * d, 0.5 * leg.guard), std::min(0.02 * leg.guard, d)); }
+    double limit(double d) const { return std::max(std::min(0.1 * d, 0.5 * leg.guard), std::min(0.05 * leg.guard, d)); }
 };
 
 pliant_solid *bracket() // an L-shaped solid, which is not convex
@@ -386,7 +386,7 @@ void place_at_floor(const Leg &leg, const Vector &out, const Corners &shape, Cor
             for (int d = 0; d < 3; d++) at[c][d] = shape[c][d] + middle * out[d];
         double local[3][3];
         for (int c = 0; c < 3; c++) std::copy(at[c].begin(), at[c].end(), local[c]);
-        (pliant_field_minimum(&core, local, 1) < 0.02 * leg.leg.guard ? low : high) = middle;
+        (pliant_field_minimum(&core, local, 1) < 0.05 * leg.leg.guard ? low : high) = middle;
     }
 }
 

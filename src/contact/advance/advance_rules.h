@@ -8,8 +8,12 @@
 
 #include <math.h>
 
-/* Return the distance below which pairs may only separate. */
-PLIANT_INLINE double pliant_advance_min_distance(double guard) { return 0.02 * guard; }
+/* Return the distance below which pairs may only separate. A first leg may reach advance_stop. A second leg keeps the
+ * fraction advance_keep of it. */
+PLIANT_INLINE double pliant_advance_min_distance(const pliant_contact_settings *settings, double guard)
+{
+    return settings->advance_keep * settings->advance_stop * guard;
+}
 
 /* Return the smallest distance that a pair may reach in a leg, from its distance at the start. A pair that stays
  * above this limit does not shorten the leg. */
@@ -17,14 +21,15 @@ PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *setting
 {
     const double slack = 1e-12; /* tolerance, so that rounding does not block tissue that moves with a part [m] */
     return fmax(fmin(settings->advance_keep * distance, settings->advance_stop * guard),
-                fmin(pliant_advance_min_distance(guard), distance - slack));
+                fmin(pliant_advance_min_distance(settings, guard), distance - slack));
 }
 
 /* Return whether two parts of the tissue start nearer than any leg leaves them, or coincide at rest: they were created
  * touching. */
-PLIANT_INLINE bool pliant_advance_starts_together(double thickness, double distance)
+PLIANT_INLINE bool pliant_advance_starts_together(const pliant_contact_settings *settings, double thickness,
+                                                  double distance)
 {
-    return !(thickness > 0.0) || distance < 0.5 * pliant_advance_min_distance(thickness);
+    return !(thickness > 0.0) || distance < 0.5 * pliant_advance_min_distance(settings, thickness);
 }
 
 /* Numerical constants of conservative advancement. Stopping early is safe, so they trade time for the last 2 % of the
@@ -32,13 +37,14 @@ PLIANT_INLINE bool pliant_advance_starts_together(double thickness, double dista
 enum { PLIANT_ADVANCE_ITERATIONS = 64 };
 #define PLIANT_ADVANCE_SAFETY 0.999
 #define PLIANT_ADVANCE_MIN_PROGRESS 1e-3 /* fraction of the leg that is little progress */
+#define PLIANT_ADVANCE_MIN_STEP 1e-7     /* fraction of the leg that is no progress */
+#define PLIANT_ADVANCE_NEAR_LIMIT 0.02   /* fraction of the limit: a pair so little beyond it has reached it */
 
 /* Return whether a pair, which has gained a step and is this distance above its limit, cannot gain more. */
 PLIANT_INLINE bool pliant_advance_is_finished(int32_t iterations, double step, double distance, double limit)
 {
-    const double min_step = 1e-7, near_limit = 0.02;
-    return iterations >= PLIANT_ADVANCE_ITERATIONS || step < min_step ||
-           (distance < near_limit * limit && step < PLIANT_ADVANCE_MIN_PROGRESS);
+    return iterations >= PLIANT_ADVANCE_ITERATIONS || step < PLIANT_ADVANCE_MIN_STEP ||
+           (distance < PLIANT_ADVANCE_NEAR_LIMIT * limit && step < PLIANT_ADVANCE_MIN_PROGRESS);
 }
 
 /* Return the largest s for which distance + rate s - bend s^2 / 2 is not negative anywhere in [0, s]; bend >= 0. */

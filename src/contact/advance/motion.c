@@ -7,6 +7,8 @@
 #include <math.h>
 #include <string.h>
 
+static const double box_interval = 0.25; /* turn between two boxes whose hull contains a motion [rad] */
+
 pliant_tool_pose pliant_tool_pose_between(const pliant_tool_pose *from, const pliant_tool_pose *to, double t)
 {
     if (t <= 0 || t >= 1) return t <= 0 ? *from : *to;
@@ -27,8 +29,7 @@ double pliant_advance_guard(const pliant_contact_settings *settings, const plian
  * at most bend / 8 times the square of the interval. */
 static void find_box(pliant_advance_motion *motion)
 {
-    const double interval = 0.25; /* [rad] */
-    const int count = !motion->still ? 1 + (int)ceil((motion->turn + fabs(motion->jaw)) / interval) : 0;
+    const int count = !motion->still ? 1 + (int)ceil((motion->turn + fabs(motion->jaw)) / box_interval) : 0;
     for (int n = 0; n <= count; n++) {
         pliant_advance_state state;
         double low[3], high[3];

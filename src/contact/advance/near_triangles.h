@@ -3,7 +3,7 @@
  * all triangles that pass those tests, so it changes no result.
  *
  * With a list, the host computes only the corners of listed triangles. It computes all corners with self-contact, and
- * while no tool moves farther than settings.reuse_motion. A fast tool that presses on nothing needs the bounding box
+ * while no tool moves farther than settings.hysteresis. A fast tool that presses on nothing needs the bounding box
  * of all corners. There is no list after the host has moved detached pieces or patches, and in explicit dynamics. */
 #ifndef PLIANT_CONTACT_ADVANCE_NEAR_TRIANGLES_H
 #define PLIANT_CONTACT_ADVANCE_NEAR_TRIANGLES_H

@@ -304,7 +304,7 @@ static double step_of(const search *on, const pliant_advance_self_pair *pair, co
             const double gap = now->height[a] - now->height[b] - pair->limit;
             plane = pliant_advance_lower(plane, pliant_advance_time(gap, along[a] - along[b], 0));
         }
-    for (int d = 0; d < 3; d++) mean[d] = 0.25 * (rate[0][d] + rate[1][d] + rate[2][d] + rate[3][d]);
+    for (int d = 0; d < 3; d++) mean[d] = (rate[0][d] + rate[1][d] + rate[2][d] + rate[3][d]) / 4;
     for (int c = 0; c < 4; c++) {
         double own[3];
         for (int d = 0; d < 3; d++) own[d] = rate[c][d] - mean[d];
@@ -322,7 +322,7 @@ static bool step(const search *on, pliant_advance_self_pair *pair)
     measure_pair(on, pair, pair->t, &now);
     if (pair->iterations == 0) {
         const double thickness = pliant_advance_thickness(on->self, pair->node, pair->is_edges);
-        if (pliant_advance_starts_together(thickness, now.distance)) {
+        if (pliant_advance_starts_together(&on->advance->settings, thickness, now.distance)) {
             pair->t = 1;
             return true;
         }

@@ -91,7 +91,7 @@ static double tissue_at(const pliant_contact_surface_voxels *voxels, const doubl
 static double distance_to_tissue(const pliant_contact_surface_voxels *voxels, const double at[3],
                                  const double normal[3], double reach)
 {
-    const double *spacing = voxels->geometry->spacing, stride = 0.25 * fmin(spacing[0], fmin(spacing[1], spacing[2]));
+    const double *spacing = voxels->geometry->spacing, stride = fmin(spacing[0], fmin(spacing[1], spacing[2])) / 4;
     double before = 0, origin[3];
     pliant_geometry_to_world(voxels->geometry, (const double[3]){0, 0, 0}, origin);
     for (double distance = reach; distance >= -reach; distance -= stride) {

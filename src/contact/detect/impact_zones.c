@@ -204,7 +204,7 @@ static double gap_of(const pliant_impact_zones *zones, const pliant_impact_pair 
 {
     const pliant_contact_settings *settings = zones->rule.settings;
     return distance - fmax(fmin(settings->advance_keep * distance, settings->advance_stop * pair->thickness),
-                           pliant_advance_min_distance(pair->thickness));
+                           pliant_advance_min_distance(settings, pair->thickness));
 }
 
 /* Return whether a pair would come too near in this sub-step. First use the motion of the pair's nodes since the pairs

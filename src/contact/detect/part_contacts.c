@@ -1,6 +1,7 @@
 /* Nearest points of rigid parts to nodes, edges and triangles of the tissue's surface. No tissue is in a part's
  * core at the start of a leg. Therefore the nearest point of the core determines the side on which the tissue is,
  * without memory of previous legs. */
+#include "contact/advance/advance_rules.h"
 #include "contact/detect/detector.h"
 #include "base/threads.h"
 #include "base/vector3.h"
@@ -165,7 +166,7 @@ static double find_first_contact(const search *on, pliant_feature *of, pliant_po
 {
     enum { MAX_STEPS = 64 };
     const pliant_moving_part *part = on->part;
-    const double met = 0.01 * part->guard;
+    const double met = pliant_advance_min_distance(&on->detector->settings, part->guard);
     double fraction = part->max_motion > 0 ? 0 : 1;
     for (int step = 0;; step++) {
         if (step == MAX_STEPS) fraction = 1;
@@ -247,7 +248,7 @@ static void measure_feature(const search *on, pliant_feature *of)
     const bool nowhere = pliant_dot3(normal, normal) < 0.5;
     pliant_pose_turn(&pose, normal, world);
     if (!nowhere &&
-        pliant_dot3(world, of->outwards) > on->detector->settings.behind_cosine * pliant_length3(of->outwards))
+        pliant_dot3(world, of->outwards) > on->detector->settings.facing_cosine * pliant_length3(of->outwards))
         return;
     for (int d = 0; d < 3; d++) place[d] = local[d] - distance * normal[d];
     if (nowhere && !orient_outwards(on, &pose, of, local, normal, place)) return;
@@ -285,7 +286,7 @@ static double gap_of(const search *on, const pliant_feature *border, const plian
 static double sag_of(const search *on)
 {
     const pliant_contact_settings *settings = &on->detector->settings;
-    return fmin(settings->max_sag, settings->sag_of_guard * (on->part->guard - on->part->core_offset));
+    return fmin(settings->max_sag, settings->hysteresis * (on->part->guard - on->part->core_offset));
 }
 
 /* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. An existing point stays
@@ -330,8 +331,8 @@ static double core_distance(const search *on, const pliant_feature *of, const do
 
 /* Delay the motion of a pressed point along its edge or triangle. On coarse cells, the triangle turns about the point
  * under its force. The part's nearest point then overshoots, and alternates between two places in successive legs. So a
- * point stays until the nearest one is deeper by a quarter of the sag. If points stay within the whole sag, the force
- * of a ball of 20 mm on hexahedra of 10 mm is 5 % too small (bench_force).
+ * point stays until the nearest one is deeper by the fraction `hysteresis` of the sag. If points stay within the whole
+ * sag, the force of a ball of 20 mm on hexahedra of 10 mm is 5 % too small (bench_force).
  * A point below a moving part lags by the motion over the fraction `follow`, so shorter ways have no delay, and none in
  * tissue with inertia. The plane of the nearest point stays, and is parallel to the feature there. */
 static void delay_point(const search *on, pliant_feature *of)
@@ -346,9 +347,9 @@ static void delay_point(const search *on, pliant_feature *of)
     const double way = pliant_length3(shift), across = pliant_dot3(shift, of->normal);
     if (!(way > fast)) return;
     const double higher = core_distance(on, of, before->on_feature) - core_distance(on, of, of->weight);
-    const bool stays = higher < 0.25 * sag_of(on);
+    const bool stays = higher < on->detector->settings.hysteresis * sag_of(on);
     const double fraction = (stays ? 1 : 1 - follow) * (1 - fast / way);
-    if (fraction * way > on->detector->settings.reuse_motion * on->part->guard) on->detector->has_delayed = true;
+    if (fraction * way > on->detector->settings.hysteresis * on->part->guard) on->detector->has_delayed = true;
     for (int32_t k = 0; k < of->count; k++) of->weight[k] += fraction * (before->on_feature[k] - of->weight[k]);
     for (int d = 0; d < 3; d++) shift[d] = fraction * (shift[d] - across * of->normal[d]);
     pliant_pose_turn_back(&on->part->end, shift, local);

@@ -10,6 +10,10 @@
 #include <math.h>
 #include <string.h>
 
+enum { CELLS_PER_BOX = 8, MIN_CELLS = 64, MAX_ENLARGEMENTS = 200 };
+static const double min_enlargement = 1.01; /* factor on the side of too many cells */
+static const float float_spacing = 1.2e-7f; /* more than the relative spacing of floats */
+
 void pliant_grid_free(pliant_grid *grid)
 {
     PLIANT_FREE(grid->box, grid->start, grid->item);
@@ -57,7 +61,7 @@ static int is_sound(const pliant_grid_box *box)
 /* Choose cells as large as the mean box, or larger to limit their number. */
 static void choose_cells(pliant_grid *grid)
 {
-    const double maximum = 8.0 * grid->count + 64;
+    const double maximum = (double)CELLS_PER_BOX * grid->count + MIN_CELLS;
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, sum = 0, sound = 0,
            cells = 1;
     for (int32_t i = 0; i < grid->count; i++) {
@@ -73,11 +77,11 @@ static void choose_cells(pliant_grid *grid)
         sound++;
     }
     grid->side = sound > 0 && sum > 0 ? sum / sound : 1;
-    for (int again = 0; again < 200; again++) {
+    for (int again = 0; again < MAX_ENLARGEMENTS; again++) {
         cells = 1;
         for (int d = 0; d < 3; d++) cells *= sound > 0 ? floor((high[d] - low[d]) / grid->side) + 1 : 1;
         if (cells <= maximum) break;
-        grid->side *= fmax(cbrt(cells / maximum), 1.01);
+        grid->side *= fmax(cbrt(cells / maximum), min_enlargement);
     }
     for (int d = 0; d < 3; d++) {
         grid->low[d] = sound > 0 ? low[d] : 0;
@@ -166,13 +170,12 @@ typedef struct tile {
 
 static void fill_tile(const pliant_grid *grid, const int32_t *item, int32_t count, tile *out)
 {
-    const float outwards = 1.2e-7f; /* more than the relative spacing of floats */
     out->count = count;
     for (int32_t i = 0; i < count; i++)
         for (int d = 0; d < 3; d++) {
             const double *low = grid->box[item[i]].low, *high = grid->box[item[i]].high;
-            out->low[d][i] = (float)(low[d] - grid->low[d]) * (1 - outwards) - FLT_MIN;
-            out->high[d][i] = (float)(high[d] - grid->low[d]) * (1 + outwards) + FLT_MIN;
+            out->low[d][i] = (float)(low[d] - grid->low[d]) * (1 - float_spacing) - FLT_MIN;
+            out->high[d][i] = (float)(high[d] - grid->low[d]) * (1 + float_spacing) + FLT_MIN;
         }
 }
 

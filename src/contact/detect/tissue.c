@@ -183,7 +183,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
                              to);
     pliant_cross3(u, w, normal);
     const double square = pliant_dot3(normal, normal);
-    if (!(square > 1e-4 * pliant_dot3(u, u) * pliant_dot3(w, w))) return PLIANT_OK;
+    if (!(square > PLIANT_TISSUE_PARALLEL * pliant_dot3(u, u) * pliant_dot3(w, w))) return PLIANT_OK;
     pliant_cross3(w, to, side);
     /* fraction of each edge at its nearest point to the other one */
     const double s = pliant_dot3(side, normal) / square;
@@ -213,7 +213,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
         return PLIANT_OK;
     const uint64_t edge[2] = {edge_number(tissue, a, i), edge_number(tissue, b, j)};
     return pliant_tissue_append_edge_point(&on->view.rule, edge, node, (const double[2]){s, t}, normal, gap, 0,
-                                           0.25 * sqrt(pliant_dot3(u, u) * pliant_dot3(w, w)), out);
+                                           sqrt(pliant_dot3(u, u) * pliant_dot3(w, w)) / 4, out);
 }
 
 static pliant_status append_crossing_edges(const finding *on, pliant_contacts *out)

@@ -1,6 +1,7 @@
 /* The two sides of a cut through voxels. */
 #include "contact/detect/tissue.h"
 
+#include "base/cubic.h"
 #include "base/fail.h"
 #include "mesh/mesh.h"
 #include "topology/links.h"
@@ -8,6 +9,7 @@
 #include "contact/detect/update_sides.h"
 #include "base/memory.h"
 #include "base/pairs.h"
+#include "base/vector3.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -357,7 +359,7 @@ static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *fac
         const side q = {faces + slots[low].side / 2, slots[low].side % 2};
         meeting met;
         if (tet_of(&q) == tet_of(&p) || (own >= 0 && piece[body->fine.tets[4 * (size_t)tet_of(&q)]] == own)) continue;
-        if (!look_at_sides(body, &p, &q, positions, &met) || !(met.facing > 2 + 2 * rule->settings->opposite_cosine) ||
+        if (!look_at_sides(body, &p, &q, positions, &met) || !(met.facing > 2 + 2 * rule->settings->same_cosine) ||
             !(met.gap <= rule->margin) || !(met.gap > -rule->settings->self_border * sqrt(size)) || met.off > size)
             continue;
         if ((found >= 0 && !(met.off < best->off)) || !moves(body, &p, &q)) continue;

@@ -223,9 +223,10 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
     pliant_cross3(u, w, side);
     const double gap = pliant_length3(normal), thickness = pliant_advance_thickness(self, pair->node, true);
     /* nodes touch parallel edges, and flat edges before they are as near as this */
-    const bool is_near = gap < 0.5 * thickness;
+    const bool is_near = gap < view->settings.advance_stop * thickness;
     if (!can_touch(view, pair, cut || is_close(&view->rule, gap, thickness))) return PLIANT_OK;
-    if (!(gap > 0) || !(pliant_dot3(side, side) > 1e-4 * pliant_dot3(u, u) * pliant_dot3(w, w))) return PLIANT_OK;
+    if (!(gap > 0) || !(pliant_dot3(side, side) > PLIANT_TISSUE_PARALLEL * pliant_dot3(u, u) * pliant_dot3(w, w)))
+        return PLIANT_OK;
     if (!is_near && (is_flat(view, pair->feature[0]) || is_flat(view, pair->feature[1]) ||
                      !leads_out(view, pair->feature[0], u, normal, -1) ||
                      !leads_out(view, pair->feature[1], w, normal, 1)))
@@ -233,7 +234,7 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
     for (int d = 0; d < 3; d++) normal[d] /= gap;
     const uint64_t edge[2] = {(uint64_t)pair->feature[0], (uint64_t)pair->feature[1]};
     return pliant_tissue_append_edge_point(&view->rule, edge, pair->node, (const double[2]){s, t}, normal, gap,
-                                           thickness, 0.25 * pliant_length3(u) * pliant_length3(w), out);
+                                           thickness, pliant_length3(u) * pliant_length3(w) / 4, out);
 }
 
 pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *positions,

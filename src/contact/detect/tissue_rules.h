@@ -12,6 +12,7 @@
 extern "C" {
 #endif
 
+#define PLIANT_TISSUE_PARALLEL 1e-4 /* squared sine of the angle below which edges have no closest points */
 #define PLIANT_TISSUE_BORDER 1e-6 /* a weight below minus this value is outside the triangle or tetrahedron */
 enum { PLIANT_TISSUE_MAX_WALK = 64 /* maximum number of tetrahedra or triangles in a walk to a point */ };
 

@@ -12,6 +12,8 @@ static const double around = 0.0015;
 static const double finest = 1e-4;    /* minimum cell size by default [m] */
 static const double usual_points = 200000, max_points = 16777216; /* 64 MiB */
 static const double thinnest = 0.25;  /* required depth of the deepest point, as a fraction of a cell */
+static const double rounding = 1.0001; /* factor on distances of grid points in single precision */
+static const double enlargement = 1.1; /* of the cell that an error message recommends */
 static const double no_way = 0.2;     /* gradients shorter than this have no valid direction */
 
 /* ---- evaluation */
@@ -115,7 +117,7 @@ static pliant_status place_grid(pliant_solid *solid, double resolution, const ch
             PLIANT_ERROR_FORMAT,
             "%s: a distance field with a resolution of %.3g mm needs %.3g MiB; the limit is 64: use a resolution of "
             "%.3g mm",
-            name, 1e3 * cell, points * sizeof(float) / (1 << 20), 1e3 * 1.1 * cbrt(volume / max_points));
+            name, 1e3 * cell, points * sizeof(float) / (1 << 20), 1e3 * enlargement * cbrt(volume / max_points));
     solid->cell = cell;
     for (int d = 0; d < 3; d++) {
         const double width = solid->high[d] - solid->low[d] + 2 * around;
@@ -139,7 +141,7 @@ static void find_distances(pliant_solid *solid, const pliant_triangle_tree *tree
                 double p[3];
                 point_of(solid, at, p);
                 solid->value[at] = (float)pliant_triangle_tree_distance(
-                    tree, p, at > 0 ? 1.0001 * ((double)solid->value[before] + solid->cell) : INFINITY);
+                    tree, p, at > 0 ? rounding * ((double)solid->value[before] + solid->cell) : INFINITY);
             }
 }
 
@@ -166,7 +168,7 @@ static pliant_status find_signs(pliant_solid *solid, const pliant_triangle_tree 
                 const int d = side / 2;
                 if (side % 2 ? place[d] + 1 == (size_t)solid->size[d] : place[d] == 0) continue;
                 const size_t adjacent = side % 2 ? at + stride[d] : at - stride[d];
-                if (known[adjacent] || own + fabs((double)solid->value[adjacent]) <= 1.0001 * solid->cell) continue;
+                if (known[adjacent] || own + fabs((double)solid->value[adjacent]) <= rounding * solid->cell) continue;
                 known[adjacent] = 1;
                 queue[last++] = (uint32_t)adjacent;
             }

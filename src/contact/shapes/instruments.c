@@ -84,6 +84,7 @@ static const instrument with_jaws[] = {
 enum { HOOK_CODE = 183, SPATULA_CODE = 184 };
 static const double hook_wrist = 0.0093, hook_stem = 0.016, hook_foot = 0.004, hook_radius = 0.0008,
                     spatula_radius = 0.0012;
+static const double probe_radius = 0.0025, probe_length = 0.3, camera_radius = 0.006, camera_length = 0.37;
 
 static void add_capsule(pliant_tool_shape *shape, pliant_part_frame frame, double y, double from, double to,
                         double radius, bool cuts)
@@ -169,8 +170,8 @@ pliant_status pliant_tool_shape_find(const char *name, pliant_tool_shape *out)
     }
     if (code == HOOK_CODE || is_named(name, "permanent_cautery_hook")) make_hook(&shape);
     if (code == SPATULA_CODE || is_named(name, "permanent_cautery_spatula")) make_spatula(&shape);
-    if (is_named(name, "probe")) make_rod(0.0025, 0.3, &shape);
-    if (is_named(name, "camera")) make_rod(0.006, 0.37, &shape);
+    if (is_named(name, "probe")) make_rod(probe_radius, probe_length, &shape);
+    if (is_named(name, "camera")) make_rod(camera_radius, camera_length, &shape);
     if (shape.num_parts == 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
                            "there is no instrument '%.48s': use probe, camera, or a dVRK instrument by name or code "

@@ -14,7 +14,9 @@
 #include <math.h>
 #include <string.h>
 
-static const double exact = 1e-4; /* relative to an edge's length; also of a weight */
+static const double shortest_normal = 0.1; /* shorter gradients have no valid direction */
+static const double edge_bend = 1e-4;      /* quadratic term, relative to an edge's length */
+static const double exact = 1e-4;          /* relative to an edge's length; also of a weight */
 
 static double distance_between(const double *a, const double *b)
 {
@@ -106,15 +108,11 @@ static sample minimize_on_line(const line *on, const sample *low, const sample *
 /* Normalize a vector; a short one has no valid direction and becomes 0. */
 static void finish(double normal[3])
 {
-    const double minimum = 0.1, length = pliant_length3(normal);
-    for (int d = 0; d < 3; d++) normal[d] = length > minimum ? normal[d] / length : 0;
+    const double length = pliant_length3(normal);
+    for (int d = 0; d < 3; d++) normal[d] = length > shortest_normal ? normal[d] / length : 0;
 }
 
-static double bend_of(double length)
-{
-    const double bend = 1e-4; /* relative to the length */
-    return bend * length;
-}
+static double bend_of(double length) { return edge_bend * length; }
 
 static double tolerance_of(double length)
 {

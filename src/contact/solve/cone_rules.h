@@ -88,6 +88,12 @@ typedef struct pliant_cones {
 /* Relative change of the forces at which sweeps and useless steps end; limit of their number. */
 #define PLIANT_CONE_TOLERANCE 1e-7
 enum { PLIANT_CONE_SWEEPS = 200 };
+#define PLIANT_CONE_EXACT 1e-9       /* relative residual at which the solution is found */
+#define PLIANT_CONE_FAR 1e-3         /* relative residual above which sweeps come before Newton's method */
+#define PLIANT_CONE_MIN_STEP 0.01    /* shortest fraction of a Newton step */
+#define PLIANT_CONE_MIN_DECREASE 0.9 /* of the squared residual, in a step */
+#define PLIANT_CONE_WEAK_DAMPING 1e-3 /* Levenberg's, in successive trials of a step */
+#define PLIANT_CONE_STRONG_DAMPING 3e-2
 
 /* Compute each point's own stiffness along the normal and the tangents. */
 PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cones *on)
@@ -418,15 +424,14 @@ PLIANT_INLINE void pliant_cones_apply_step(const pliant_team *team, const pliant
  * false, and take no step, if there is no sufficient reduction. left: squared residual, in and out */
 PLIANT_INLINE bool pliant_cones_line_search(const pliant_team *team, const pliant_cones *on, double *left)
 {
-    const double shortest = 0.01, well = 0.5, any = 0.9;
     double best = INFINITY, of = 0;
-    for (double length = 1; length > shortest && !(best < well * *left); length *= 0.5) {
+    for (double length = 1; length > PLIANT_CONE_MIN_STEP && !(best < 0.5 * *left); length *= 0.5) {
         const double square = pliant_cones_residual(team, on, length);
         if (!(square < best)) continue;
         best = square;
         of = length;
     }
-    if (!(best < any * *left)) return false;
+    if (!(best < PLIANT_CONE_MIN_DECREASE * *left)) return false;
     pliant_cones_apply_step(team, on, of);
     *left = best;
     return true;
@@ -531,7 +536,7 @@ PLIANT_INLINE void pliant_cones_project(const pliant_team *team, const pliant_co
 PLIANT_INLINE bool pliant_cones_step(const pliant_team *team, const pliant_cones *on, double *left, int32_t *steps,
                                      bool *leads)
 {
-    const double damping[] = {0, 1e-3, 3e-2};
+    const double damping[] = {0, PLIANT_CONE_WEAK_DAMPING, PLIANT_CONE_STRONG_DAMPING};
     *leads = false;
     for (int d = 0; d < 3 && !*leads; d++) {
         if (!pliant_cones_newton(team, on, damping[d])) return false;
@@ -555,24 +560,23 @@ PLIANT_INLINE double pliant_cones_squared_force(const pliant_team *team, const p
  * for Newton's method: minus the number of sweeps, minus 1. */
 PLIANT_INLINE int32_t pliant_cones_run(const pliant_team *team, const pliant_cones *on)
 {
-    /* relative residuals; enough: accepted if no step reduces it further */
-    const double wanted = 1e-9, enough = PLIANT_CONE_TOLERANCE, far = 1e-3;
     const int32_t max_steps = 60, max_sweeps = PLIANT_CONE_SWEEPS, max_at_once = 32, first_sweeps = 3;
     int32_t steps = 0, sweeps = 0, at_once = 1;
     pliant_cones_begin(team, on);
     double left = pliant_cones_residual(team, on, 0.0);
-    if (left > far * far * pliant_cones_squared_force(team, on)) {
+    if (left > PLIANT_CONE_FAR * PLIANT_CONE_FAR * pliant_cones_squared_force(team, on)) {
         for (; sweeps < first_sweeps; sweeps++) pliant_cones_sweep(team, on);
         left = pliant_cones_residual(team, on, 0.0);
     }
     while (steps < max_steps && sweeps < max_sweeps) {
         const double size = pliant_cones_squared_force(team, on);
-        bool ends = left <= wanted * wanted * size;
+        bool ends = left <= PLIANT_CONE_EXACT * PLIANT_CONE_EXACT * size;
         if (!ends) {
             bool leads;
             if (!pliant_cones_step(team, on, &left, &steps, &leads)) return -sweeps - 1;
             if (leads) continue;
-            ends = left <= enough * enough * size;
+            /* no step reduces it further */
+            ends = left <= PLIANT_CONE_TOLERANCE * PLIANT_CONE_TOLERANCE * size;
         }
         if (ends) {
             pliant_cones_project(team, on);

@@ -38,6 +38,9 @@ static void shift_velocities(pliant_tled *tled, double other)
  * strains elements by about twice this ratio. Also the limit of the change of an edge in a sub-step, divided by the
  * shortest adjacent edge. */
 static const double max_motion = 0.1;
+/* Fraction of this limit below which the duration is doubled. The motion is then below 0.8 of the limit, so the
+ * duration is not halved at once. */
+static const double doubling = 0.4;
 
 /* Return the largest change of an edge in the last sub-step, divided by the shortest edge at its nodes. */
 static double largest_strain(const pliant_tled *tled)
@@ -91,11 +94,11 @@ static double smallest_height(const pliant_tled *tled)
 
 bool pliant_tled_choose_substep(pliant_tled *tled, double motion)
 {
-    const double before = tled->time_step, maximum = max_motion * tled->shortest_edge, low = 0.4; /* of the maximum */
+    const double before = tled->time_step, maximum = max_motion * tled->shortest_edge;
     if (tled->system->quasi_static) return false;
     for (double left = motion; left > maximum && tled->halvings < MAX_HALVINGS; left *= 0.5) scale(tled, true);
-    if (tled->time_step == before && tled->halvings > 0 && tled->substeps_done == 0 && motion < low * maximum &&
-        largest_strain(tled) < low * max_motion &&
+    if (tled->time_step == before && tled->halvings > 0 && tled->substeps_done == 0 && motion < doubling * maximum &&
+        largest_strain(tled) < doubling * max_motion &&
         smallest_height(tled) > ldexp(tled->system->safety, 1 - tled->halvings))
         scale(tled, false);
     if (tled->time_step == before) return false;

@@ -7,6 +7,7 @@
 #include <string.h>
 
 enum { MAX_ROWS = 600 }; /* with more rows, a dense factor would take longer than the step */
+static const double sticking = 0.999; /* fraction of the friction limit: a point with less friction sticks */
 
 /* Fill A: rows of points in the order of the list, then rows of the tools. */
 static void fill_matrix(const pliant_solver *solver, pliant_active_set *active, const double *springs)
@@ -34,14 +35,13 @@ static void fill_matrix(const pliant_solver *solver, pliant_active_set *active, 
  * are left out: the pieces give way, and such points only push. */
 static int32_t list_rows(const pliant_contact_problem *contacts, int32_t *row)
 {
-    const double sticks = 0.999;
     int32_t count = 0;
     for (int32_t c = 0; c < contacts->count; c++) {
         const double *force = contacts->found.force + 3 * (size_t)c,
                      slide = sqrt(force[1] * force[1] + force[2] * force[2]);
         const bool of_piece = contacts->pieces && contacts->arm_start[c + 1] > contacts->arm_start[c];
         if (!(force[0] > 0) || of_piece) continue;
-        const int rows = slide < sticks * contacts->friction[c] * force[0] ? 3 : 1;
+        const int rows = slide < sticking * contacts->friction[c] * force[0] ? 3 : 1;
         for (int k = 0; k < rows; k++) row[count++] = 3 * c + k;
     }
     return count;

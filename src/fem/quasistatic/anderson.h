@@ -27,6 +27,7 @@ extern "C" {
 #endif
 
 enum { PLIANT_MAX_HISTORY = 20 };
+#define PLIANT_ANDERSON_MIN_RATE 1e-3 /* smaller rates are rounding: they count as this one */
 typedef enum pliant_anderson_next {
     PLIANT_NEXT_DONE,      /* end the step at the present state */
     PLIANT_NEXT_FIRST,     /* evaluate the initial state of the step */
@@ -237,9 +238,10 @@ PLIANT_INLINE void pliant_anderson_first(pliant_anderson *rules, bool sound)
 PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double merit, bool falls)
 {
     if (merit < rules->merit) {
-        const double weight = pliant_get_quasistatic_settings().contraction_weight, minimum = 1e-3;
+        const double weight = pliant_get_quasistatic_settings().contraction_weight;
         if (rules->accepted)
-            rules->log_contraction += weight * (log(fmax(merit / rules->merit, minimum)) - rules->log_contraction);
+            rules->log_contraction +=
+                weight * (log(fmax(merit / rules->merit, PLIANT_ANDERSON_MIN_RATE)) - rules->log_contraction);
         rules->secant_slot = isfinite(merit) && rules->depth > 0 ? 0 : -1;
         rules->accepts_state = rules->accepted = 1;
         rules->before = rules->merit;

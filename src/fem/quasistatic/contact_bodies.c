@@ -8,6 +8,9 @@
 #include <math.h>
 #include <string.h>
 
+/* Regularization: compliance of a point on a piece, divided by 1 / (E sqrt(area)), that of a flat punch on tissue. */
+static const double point_compliance = 1e-3;
+
 /* Return the index of a body in contacts->moving. < 0: out of memory */
 static int32_t find_moving(pliant_contact_problem *contacts, int32_t piece)
 {
@@ -82,15 +85,15 @@ void pliant_contact_problem_rotation_part(const pliant_contact_problem *contacts
 }
 
 /* Rigid bodies do not determine the forces of several points that carry a load together. A small compliance of each
- * point does (a thousandth of a flat punch's on their tissue, 1 / (E sqrt(area))). */
+ * point does. */
 double pliant_contact_problem_compliance(const pliant_contact_problem *contacts, int32_t c)
 {
     const pliant_contact_point *point = contacts->points->point + contacts->point[c];
-    const double area = point->area, fraction = 1e-3;
+    const double area = point->area;
     double sum = 0;
     for (int32_t a = contacts->arm_start[c]; a < contacts->arm_start[c + 1] && area > 0; a++) {
         const double young = pliant_contact_problem_body(contacts, contacts->arm[a].moving)->young;
-        if (young > 0) sum += fraction / (young * sqrt(area));
+        if (young > 0) sum += point_compliance / (young * sqrt(area));
     }
     return sum;
 }

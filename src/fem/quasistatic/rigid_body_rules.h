@@ -7,6 +7,8 @@
 #include <math.h>
 #include <stdint.h>
 
+#define PLIANT_SMALL_ANGLE 1e-3 /* [rad]; below it the first term of a series is as accurate */
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -77,8 +79,8 @@ PLIANT_INLINE void pliant_arm_rotation_part(const pliant_contact_arm *arm, const
 {
     const double *w = piece->ahead + 3, *r = arm->arm, square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2],
                  angle = sqrt(square);
-    const double s = angle > 1e-3 ? sin(angle) / angle - 1 : -square / 6,
-                 c = angle > 1e-3 ? (1 - cos(angle)) / square : 0.5;
+    const double s = angle > PLIANT_SMALL_ANGLE ? sin(angle) / angle - 1 : -square / 6,
+                 c = angle > PLIANT_SMALL_ANGLE ? (1 - cos(angle)) / square : 0.5;
     double once[3];
     for (int d = 0; d < 3; d++) once[d] = w[(d + 1) % 3] * r[(d + 2) % 3] - w[(d + 2) % 3] * r[(d + 1) % 3];
     for (int d = 0; d < 3; d++)

@@ -6,6 +6,9 @@
 
 #include <math.h>
 
+/* Relative standard deviations of a force, measured by bench_force calibrate: of the missing depth, and of all else. */
+static const double error_of_depth = 0.152, error_of_rest = 0.022;
+
 /* Add the force of a part's contact points, their sizes, and their displacements times sizes. */
 static void add_points(const pliant_data *data, int tool, int part, double force[3], double *sum, double *moved)
 {
@@ -26,8 +29,7 @@ static void add_points(const pliant_data *data, int tool, int part, double force
 
 double pliant_contact_force_error(const pliant_data *data, int tool)
 {
-    /* relative errors of the missing depth, and of a force where no depth is missing (bench_force calibrate) */
-    const double of_depth = 0.152, of_rest = 0.022, missing = data->tools[tool].proxy.missing.fraction;
+    const double missing = data->tools[tool].proxy.missing.fraction;
     double squares = 0, sum = 0, moved = 0;
     for (int part = 0; part < data->tools[tool].shape.num_parts && data->tools[tool].present; part++) {
         double force[3] = {0, 0, 0};
@@ -36,7 +38,7 @@ double pliant_contact_force_error(const pliant_data *data, int tool)
     }
     const double position = data->statistics.error * sum, /* times the force, as `moved` */
         of_solver = position < moved ? position / moved : position > 0,
-                 of_cells = missing < 1 ? hypot(of_depth * missing, of_rest) : 1;
+                 of_cells = missing < 1 ? hypot(error_of_depth * missing, error_of_rest) : 1;
     return sqrt(squares) * hypot(of_cells, of_solver);
 }
 

@@ -6,6 +6,8 @@
 
 #include <math.h>
 
+static const double unnoticed_offset = 0.05; /* of a plane from the nodes that it holds [cell] */
+
 /* A node is in a material if at least half of the eight voxels around it are. */
 static bool in_fixed_material(const pliant_model *model, const double world[3])
 {
@@ -80,8 +82,7 @@ static bool log_plane(const pliant_mesh *mesh, const pliant_fixed_plane *plane, 
             number, 1e3 * first, before[0], before[1], before[2]);
         return false;
     }
-    const double unnoticed = 0.05; /* fraction of a cell */
-    if (first < INFINITY && -last > unnoticed * cell)
+    if (first < INFINITY && -last > unnoticed_offset * cell)
         pliant_log(
             PLIANT_LOG_WARNING,
             "fixed/planes: number %d lies between nodes: tissue is held %.3g mm behind it, at (%.5f %.5f %.5f); the "

@@ -89,7 +89,7 @@ static void by_scan(const pliant_model *model, const mesh_file *file, uint8_t *m
         int found[5], votes[5] = {0}, best = 0;
         for (int v = 0; v < 4; v++)
             for (int d = 0; d < 3; d++)
-                centre[d] += 0.25 * file->nodes[3 * (size_t)file->tets[4 * (size_t)t + (size_t)v] + (size_t)d];
+                centre[d] += file->nodes[3 * (size_t)file->tets[4 * (size_t)t + (size_t)v] + (size_t)d] / 4;
         for (int n = 0; n < 5; n++) {
             size_t at[3];
             for (int d = 0; d < 3; d++)

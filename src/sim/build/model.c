@@ -19,6 +19,8 @@
 
 #include <string.h>
 
+static const double max_cells = 4e7; /* of the fine lattice: node numbers fit into 32 bits */
+
 const char *pliant_build_stage_name(int stage)
 {
     static const char *const names[] = {
@@ -83,7 +85,7 @@ static pliant_status cut_at_load(builder *build)
                                   model->scene.mesh.keep_air, model->scene.element.kind == PLIANT_HEXAHEDRA,
                                   model->material_of_voxel, &model->materials, &body->fine, &body->fine_material);
     }
-    if ((double)cells[0] * cells[1] * cells[2] > 4e7)
+    if ((double)cells[0] * cells[1] * cells[2] > max_cells)
         return pliant_fail(PLIANT_ERROR_SCENE,
                            "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],
                            cells[1], cells[2]);

@@ -7,6 +7,8 @@
 #include <math.h>
 #include <string.h>
 
+static const double on_surface = 1e-3; /* fraction of the guard depth: a point so near is on the part's surface */
+
 /* Identify a part and the number of nodes that its tool holds, because held nodes have no contact points. */
 static uint64_t key_of(const pliant_moving_part *part)
 {
@@ -42,7 +44,7 @@ static double max_motion_of(const pliant_model *model, const pliant_contact_sear
 {
     double maximum = model->contact.search_margin;
     for (int32_t p = 0; p < search->num_parts; p++)
-        maximum = fmin(maximum, model->contact.reuse_motion * search->part[p].guard);
+        maximum = fmin(maximum, model->contact.hysteresis * search->part[p].guard);
     return maximum;
 }
 
@@ -74,7 +76,6 @@ pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *
  * points out gradually, so they are found again. */
 static bool move_point(const pliant_contact_search *search, pliant_contact_point *point)
 {
-    const double exact = 1e-3; /* of the guard depth */
     for (int32_t p = 0; p < search->num_parts; p++) {
         const pliant_moving_part *part = search->part + p;
         double local[3], normal[3], end[3], outwards[3];
@@ -83,7 +84,7 @@ static bool move_point(const pliant_contact_search *search, pliant_contact_point
             continue;
         pliant_pose_from(&part->begin, point->place, local);
         const pliant_part core = pliant_part_core(part->part, part->guard);
-        if (fabs(pliant_part_distance(&core, local, outwards) - part->guard) > exact * part->guard) return false;
+        if (fabs(pliant_part_distance(&core, local, outwards) - part->guard) > on_surface * part->guard) return false;
         pliant_pose_turn_back(&part->begin, point->normal, normal);
         pliant_pose_turn(&part->end, normal, point->normal);
         pliant_pose_to(&part->end, local, end);

@@ -90,12 +90,12 @@ bool pliant_contact_find_near(void *context, int32_t count, const pliant_near_re
 pliant_status pliant_contact_find_islands(const pliant_model *model, pliant_data *data, const pliant_body *surface);
 
 /* ---- contact_reuse.c */
-/* Save the configuration in which the points are found, unless a tool moves farther than settings.reuse_motion in this
+/* Save the configuration in which the points are found, unless a tool moves farther than settings.hysteresis in this
  * leg. Errors: MEMORY. */
 pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *data);
 /* Copy that configuration. Errors: MEMORY. */
 pliant_status pliant_contact_copy_found(const pliant_contact_search *from, pliant_contact_search *to);
-/* Reuse the points of the last saved search if nothing has moved farther than settings.reuse_motion since then, and no
+/* Reuse the points of the last saved search if nothing has moved farther than settings.hysteresis since then, and no
  * tool is to. They are written to search->point_buffer. Errors: MEMORY.
  * @param are_reused out: whether the points are reused */
 pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, bool *are_reused);

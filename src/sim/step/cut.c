@@ -22,12 +22,10 @@
 #include <math.h>
 #include <string.h>
 
-static const double max_return_speed = 0.5;    /* maximum speed of tissue that returns over a blade [m/s] */
 /* distance from the cut's end back to the sweep's start, so that no link between them is missed [voxels] */
 static const double overlap_distance = 0.1;
 static const double min_motion = 0.05; /* distance from the cut's end below which a blade counts as at rest [voxels] */
-static const double max_chord_error = 0.25;      /* maximum chord error of the sweep of a turning blade [voxels] */
-static const double long_motion = 0.3;      /* fraction of `drag`: above this distance per step no tissue is dragged */
+static const double max_chord_error = 0.25; /* maximum chord error of the sweep of a turning blade [voxels] */
 
 typedef struct knife {
     const pliant_model *model;
@@ -342,7 +340,8 @@ static bool moves_far(const knife *work, const double last[3])
     pliant_blade_middle(edge, edge->now, motion);
     for (int d = 0; d < 3; d++) motion[d] -= last[d];
     const double slide = pliant_dot3(motion, along);
-    return sqrt(fmax(pliant_dot3(motion, motion) - slide * slide, 0)) > long_motion * reach_of(work);
+    return sqrt(fmax(pliant_dot3(motion, motion) - slide * slide, 0)) >
+           work->model->contact.long_stroke * reach_of(work);
 }
 
 /* Set the force of a step in which tissue is free: `force`, which cuts the tissue ahead, corrected so that the account
@@ -457,7 +456,8 @@ static int32_t turns_of(const knife *work)
 static void begin(const knife *work)
 {
     const double *cell = work->model->body->fine.cell_size;
-    const double reach = max_return_speed * work->model->scene.solver.step + fmax(cell[0], fmax(cell[1], cell[2]));
+    const double reach =
+        work->model->contact.max_tool_speed * work->model->scene.solver.step + fmax(cell[0], fmax(cell[1], cell[2]));
     if (pliant_blade_begin_stroke(work->data, work->index, 0.5 * work->min_edge, reach) != PLIANT_OK) log_failure(work);
 }
 

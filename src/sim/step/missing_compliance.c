@@ -16,6 +16,24 @@
 #include <string.h>
 
 static const double PI = 3.14159265358979324;
+/* displacement of a half-space under a smooth pressure of unit deviation (Johnson, Contact Mechanics, 4.2): a ball, a
+ * flat punch */
+static const double kappa_hertz = 0.26832815729997478, kappa_sneddon = 0.28867513459481287;
+static const double min_tissue = 0.05; /* fraction of a cell: less tissue in it counts as this much */
+static const double outside = 0.05; /* distance from the surface at which the distance has a gradient [cell] */
+/* errors at which iterations end: length of the contact's axes, its logarithm */
+static const double exact_length = 1e-6, exact_logarithm = 1e-9;
+/* largest decrease of the predicted force per iteration, and exponent of force over depth: between 1 for a flat part
+ * and 3 / 2 for a ball */
+static const double max_decrease = 0.125, depth_exponent = 1.25;
+enum {
+    FINEST = 16 /* sample of the part's profile nearest to its middle: 1 / 16 cell */,
+    FARTHEST = 4 /* last sample, in cells or lengths of the contact */,
+    MAX_ROUNDS = 6 /* iterations for both axes */,
+    MAX_STEPS = 5 /* iterations for one axis */,
+    MAX_PREDICTIONS = 4 /* iterations for the force */,
+    MANY = 512 /* nodes of a contact that lacks little compliance; more take much time */
+};
 
 /* Contact of one part. */
 typedef struct pressed_part {
@@ -201,7 +219,7 @@ static void add_point(const pliant_contact_point *point, pressed_part *of)
     const double lambda = material->lambda, mu = material->mu;
     if (!(mu > 0)) return;
     /* (1 - nu^2) / E of the tissue in the tetrahedron, which may be partly empty */
-    of->compliance += size * fmax(material->tissue, 0.05) * (lambda + 2 * mu) / (4 * mu * (lambda + mu));
+    of->compliance += size * fmax(material->tissue, min_tissue) * (lambda + 2 * mu) / (4 * mu * (lambda + mu));
     of->poisson += size * 0.5 * lambda / (lambda + mu);
 }
 
@@ -209,10 +227,10 @@ static void add_point(const pliant_contact_point *point, pressed_part *of)
  * rounding decides the gradient of the distance. */
 static bool find_top(const pliant_part *part, pressed_part *of)
 {
-    const double beyond = 0.05 * of->cell;
-    double outside[3], local[3];
-    for (int d = 0; d < 3; d++) outside[d] = of->middle[d] + beyond / pliant_length3(of->outward) * of->outward[d];
-    pliant_pose_from(&of->pose, outside, local);
+    const double beyond = outside * of->cell / pliant_length3(of->outward);
+    double above[3], local[3];
+    for (int d = 0; d < 3; d++) above[d] = of->middle[d] + beyond * of->outward[d];
+    pliant_pose_from(&of->pose, above, local);
     const double distance = pliant_part_distance(part, local, of->normal);
     for (int d = 0; d < 3; d++) of->top[d] = local[d] - distance * of->normal[d];
     return pliant_dot3(of->normal, of->normal) > 0;
@@ -282,7 +300,7 @@ static void find_tangents(pressed_part *of)
     pliant_normalize3(base[0]);
     pliant_cross3(n, base[0], base[1]);
     for (int k = 0; k < 4; k++) {
-        const double angle = 0.78539816339744831 * k, c = cos(angle), s = sin(angle);
+        const double angle = PI / 4 * k, c = cos(angle), s = sin(angle);
         double along[3];
         for (int d = 0; d < 3; d++) along[d] = c * base[0][d] + s * base[1][d];
         sample(of, along, of->cell, &at, height + k);
@@ -306,8 +324,8 @@ static double variance_of(double m) { return (m + 1) / (3 * (m + 3)); }
 
 static double deviation(const semi_axis *of) { return of->length * sqrt(variance_of(of->exponent)); }
 
-/* Return Gamma(x + 1/2) / Gamma(x + 1) within 0.2 % for x >= 1. */
-static double gamma_ratio(double x) { return 1 / sqrt(x + 0.2732); }
+/* Return Gamma(x + 1/2) / Gamma(x + 1) within 0.22 % for x >= 1, and exactly for x = 1. */
+static double gamma_ratio(double x) { return 1 / sqrt(x - 1 + 4 / PI); }
 
 /* Return z a E* / F for a part whose height is z ~ x^m. */
 static double height_of(double m) { return (m + 1) / (2 * m) * gamma_ratio(0.5 * m) / sqrt(PI); }
@@ -325,8 +343,8 @@ static segment make_segment(double from, double to, double low, double height, b
 static void find_profile(const pressed_part *of, int direction, profile *out)
 {
     const pliant_part *shape = of->data->tools[of->tool].shape.part + of->part;
-    const double first = fmax(of->cell / 16, 4 * pliant_part_cell_size(shape)), last = 4 * fmax(of->cell, of->reach),
-                 step = pow(last / first, 1.0 / (PROFILE - 1));
+    const double first = fmax(of->cell / FINEST, FARTHEST * pliant_part_cell_size(shape)),
+                 last = FARTHEST * fmax(of->cell, of->reach), step = pow(last / first, 1.0 / (PROFILE - 1));
     double x = first, before = 0, low = 0;
     out->count = 0;
     for (int k = 0; k < PROFILE; k++, x *= step) {
@@ -342,7 +360,7 @@ static void find_profile(const pressed_part *of, int direction, profile *out)
 static double mean_height(const semi_axis *of)
 {
     const double m = of->exponent;
-    return 0.25 * sqrt(PI) * gamma_ratio(0.5 * m + 0.5) * (m + 1) / (2 * m + 1) * of->height;
+    return sqrt(PI) / 4 * gamma_ratio(0.5 * m + 0.5) * (m + 1) / (2 * m + 1) * of->height;
 }
 
 /* Return a number that grows with the length of an axis and is 1 at equilibrium, at the far end of a segment. across:
@@ -357,11 +375,10 @@ static double balance(const segment *in, double across, double load)
  * is almost linear. */
 static semi_axis find_axis_in(const segment *in, double across, double load)
 {
-    enum { MAX_STEPS = 5 };
     const double m = in->exponent, lowest = log(fmax(in->from, 1e-9 * in->to)), highest = log(in->to),
-                 constant = log(in->factor * in->root / load), exact = 1e-9;
+                 constant = log(in->factor * in->root / load);
     double x = highest, before = INFINITY;
-    for (int n = 0; n < MAX_STEPS && fabs(x - before) > exact; n++) {
+    for (int n = 0; n < MAX_STEPS && fabs(x - before) > exact_logarithm; n++) {
         const double own = in->width * exp(0.5 * x), sum = own + across,
                      slope = m - 0.5 + 1.5 * own / sum; /* at least 1 / 2 */
         before = x;
@@ -391,7 +408,7 @@ static semi_axis find_axis(const profile *part, double other, double load)
 static double mean_of(double a, double b)
 {
     const double sum = sqrt(a) + sqrt(b);
-    return 0.25 * sum * sum;
+    return sum * sum / 4;
 }
 
 /* Response of a half-space to a pressing part. */
@@ -402,22 +419,21 @@ typedef struct half_space {
     double weight;   /* 1: the contact is narrower than a cell, or the part is flat; 0: many cells are in contact */
 } half_space;
 
-/* load: F / E* [m^2]; smoothing: variance that the mesh adds to a smooth pressure [m^2]; axis: the axes of the contact;
- * in: an estimate */
-static half_space find_half_space(const profile part[2], double cell, double smoothing, double load, semi_axis axis[2])
+/* resolved: radius of a contact at which half of the missing depth counts [m]; load: F / E* [m^2]; smoothing: variance
+ * that the mesh adds to a smooth pressure [m^2]; axis: the axes of the contact; in: an estimate */
+static half_space find_half_space(const profile part[2], double resolved, double smoothing, double load,
+                                  semi_axis axis[2])
 {
-    enum { MAX_ROUNDS = 6 };
-    const double hertz = 0.26832815729997478, sneddon = 0.28867513459481287, resolved = 1.5, exact = 1e-6;
     double before = 0;
-    for (int n = 0; n < MAX_ROUNDS && fabs(axis[1].length - before) > exact * before; n++) {
+    for (int n = 0; n < MAX_ROUNDS && fabs(axis[1].length - before) > exact_length * before; n++) {
         before = axis[1].length;
         for (int d = 0; d < 2; d++) axis[d] = find_axis(part + d, deviation(axis + 1 - d), load);
     }
     const double s[2] = {deviation(axis), deviation(axis + 1)},
                  curved = 0.5 * (sqrt(2 / axis[0].exponent) + sqrt(2 / axis[1].exponent)),
-                 kappa = sneddon + curved * (hertz - sneddon), moved = kappa * load / mean_of(s[0], s[1]),
-                 radius = fmin(axis[0].length, axis[1].length), cells = radius / (resolved * cell),
-                 few = 1 / (1 + cells * cells * cells * cells);
+                 kappa = kappa_sneddon + curved * (kappa_hertz - kappa_sneddon),
+                 moved = kappa * load / mean_of(s[0], s[1]), radius = fmin(axis[0].length, axis[1].length),
+                 ratio = radius / resolved, few = 1 / (1 + ratio * ratio * ratio * ratio);
     return (half_space){.depth = moved + mean_height(axis) + mean_height(axis + 1),
                         .smoothed = moved - kappa * load /
                                                 mean_of(sqrt(s[0] * s[0] + smoothing), sqrt(s[1] * s[1] + smoothing)),
@@ -429,7 +445,6 @@ static half_space find_half_space(const profile part[2], double cell, double smo
  * @param few out: 1 for few nodes. 0 from MANY nodes on: they lack little compliance, and take much time. */
 static pliant_status lattice_depth(pressed_part *of, pliant_node_loads *loads, double *depth, double *few)
 {
-    enum { MANY = 512 };
     const pliant_contacts *contacts = &of->data->contacts;
     double response[4];
     pliant_status status = gather_loads(of, loads);
@@ -460,7 +475,7 @@ static double known_fraction(const pressed_part *of)
     double cells = 0;
     for (int k = 0; k < STEPS; k++) {
         double at[3], weight[4];
-        for (int d = 0; d < 3; d++) at[d] = of->rest[d] + (0.5 * k + 0.25) * of->cell / length * of->outward[d];
+        for (int d = 0; d < 3; d++) at[d] = of->rest[d] + 0.5 * (k + 0.5) * of->cell / length * of->outward[d];
         const int32_t tet = pliant_mesh_locate(&body->fine, at, weight);
         if (tet < 0) break;
         cells += 0.5 * body->fine_material[tet].tissue;
@@ -474,7 +489,7 @@ static double known_fraction(const pressed_part *of)
 static double missing_depth(const pressed_part *of, const pliant_tool_pose *goal, double lattice, double *radius)
 {
     const pliant_tool *tool = of->data->tools + of->tool;
-    const double slowest = 0.125, present = of->size * of->compliance;
+    const double present = of->size * of->compliance, resolved = of->data->model->contact.resolved_radius * of->cell;
     profile part[2];
     pliant_pose target;
     double from[3], to[3], normal[3];
@@ -489,11 +504,11 @@ static double missing_depth(const pressed_part *of, const pliant_tool_pose *goal
                  *rows = lattice_smoothing[of->data->model->scene.element.kind == PLIANT_HEXAHEDRA] + row,
                  smoothing = fmax(((1 - t) * rows[0] + t * rows[1]) * of->cell * of->cell + of->spread, 0);
     semi_axis axis[2] = {{of->cell, 0, 2}, {of->cell, 0, 2}};
-    half_space found = find_half_space(part, of->cell, smoothing, present, axis);
+    half_space found = find_half_space(part, resolved, smoothing, present, axis);
     double ratio = 1;
-    for (int n = 0; n < 4 && found.depth > 0; n++) {
-        ratio = depth > 0 ? fmax(ratio * pow(depth / found.depth, 1.25), slowest) : slowest;
-        found = find_half_space(part, of->cell, smoothing, ratio * present, axis);
+    for (int n = 0; n < MAX_PREDICTIONS && found.depth > 0; n++) {
+        ratio = depth > 0 ? fmax(ratio * pow(depth / found.depth, depth_exponent), max_decrease) : max_decrease;
+        found = find_half_space(part, resolved, smoothing, ratio * present, axis);
     }
     *radius = found.radius;
     const double missing = found.weight * (found.depth / ratio - lattice) + (1 - found.weight) * found.smoothed / ratio;

@@ -8,6 +8,8 @@
 #include <math.h>
 #include <string.h>
 
+static const double min_lever = 1e-3; /* shortest lever of a tool's torque limit [m]: a ball at its tip has none */
+
 /* ---- motion between poses */
 
 double pliant_part_max_motion(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
@@ -119,12 +121,12 @@ pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pli
 
 /* Return the compliance of a coupling for this distance between proxy and goal. It is `least` for small loads. Near the
  * force limit the compliance increases, so that the load stays below the limit. If the compliance of the tissue is
- * known, a quarter of it predicts the load, and the proxy moves until this prediction is the limit. So the load stays
- * below the limit if the tissue becomes up to four times stiffer. */
+ * known, `yield_fraction` of it predicts the load, and the proxy moves until this prediction is the limit. So the load
+ * stays below the limit if the tissue becomes stiffer by up to 1 / `yield_fraction`. */
 static double coupling_compliance(const pliant_contact_settings *settings, double least, double error, double load,
                                   double limit, double yields)
 {
-    const double slope = 1 / settings->soft_width, careful = 0.25 * yields,
+    const double slope = 1 / settings->soft_width, careful = settings->yield_fraction * yields,
                  softens = fmin(fmax(slope * load / limit - slope * settings->soft_begin, 0), 1);
     if (yields > 0) return fmax(least, (error + careful * (load - limit)) / load);
     return fmax(least, softens * error / limit);
@@ -155,7 +157,7 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
                             pliant_touch_limit limit[3])
 {
     const pliant_scene *scene = &model->scene;
-    const double maximum = scene->contact.max_force, lever = maximum * fmax(reach_of(tool), 1e-3),
+    const double maximum = scene->contact.max_force, lever = maximum * fmax(reach_of(tool), min_lever),
                  turn_stiffness = scene->contact.coupling_stiffness_rotational;
     static const double none[3] = {0, 0, 0};
     const double *wrench = before->wrench, *pulls = yields[0] > 0 ? none : tool->proxy.coupling_load;
@@ -245,7 +247,7 @@ void pliant_proxy_compliance(const pliant_data *data, int t, bool pressing, cons
         if (!(piece->young * piece->size > 0)) continue;
         count++;
         sum += 1 / (piece->young * piece->size);
-        if (point->jaw) levers += 0.25 * (square - along * along);
+        if (point->jaw) levers += (square - along * along) / 4;
     }
     if (count == 0) return;
     out[0] = sum / count;

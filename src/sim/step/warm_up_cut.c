@@ -11,6 +11,7 @@
 
 /* Topologies that exist at once: the current one, the next one, and the previous one, which a solver may still use. */
 enum { BODIES = 3, POINTS = 17 };
+static const double strip_width = 0.02; /* fraction of the mesh */
 
 /* Compute a strip across the middle of the mesh at rest, a third of its width, next to the previous strips. */
 static void find_strip(const pliant_mesh *mesh, int number, double from[3 * POINTS], double to[3 * POINTS])
@@ -22,10 +23,10 @@ static void find_strip(const pliant_mesh *mesh, int number, double from[3 * POIN
             high[d] = fmax(high[d], mesh->rest[3 * (size_t)n + d]);
         }
     for (int p = 0; p < POINTS; p++) {
-        const double along[3] = {1.0 / 3 + p / (3.0 * (POINTS - 1)), 0.5 + 0.02 * number, 0.5};
+        const double along[3] = {1.0 / 3 + p / (3.0 * (POINTS - 1)), 0.5 + strip_width * number, 0.5};
         for (int d = 0; d < 3; d++) {
             from[3 * p + d] = low[d] + along[d] * (high[d] - low[d]);
-            to[3 * p + d] = from[3 * p + d] + (d == 1 ? 0.02 * (high[d] - low[d]) : 0);
+            to[3 * p + d] = from[3 * p + d] + (d == 1 ? strip_width * (high[d] - low[d]) : 0);
         }
     }
 }
