@@ -196,6 +196,12 @@ pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, i
  * slid apart */
 bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions,
                            const pliant_tissue_rule *rule, bool *has_slid, pliant_contact_point *out);
+/* Compute the largest fraction of a leg in which no face overlaps by more than a depth. The opening of a face is the
+ * distance of its sides along their normals. An overlap that is deeper at the start does not grow. Slid faces are left
+ * out. piece: (nodes) rigid piece, Nullable; from, to: (nodes x 3) positions at both ends of the leg [m] */
+double pliant_cut_advance(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces,
+                          const uint8_t *has_slid, const int32_t *piece, const double *from, const double *to,
+                          double depth);
 /* Append points of sides that have slid, with the parts of the cut that they are now opposite to, ascending. piece:
  * (nodes) rigid piece, Nullable. Errors: MEMORY. */
 pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces,

@@ -17,6 +17,7 @@
 
 /* fraction of its links' area; a face with a smaller projected area is folded and is left out */
 static const double folded = 0.1;
+static const double rounding = 1e-12; /* of an opening [m] */
 
 /* A severed link between two fragments. */
 typedef struct parting {
@@ -320,6 +321,45 @@ bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face,
     /* opposite to another face, or a penetration depth of an element's length */
     *has_slid = met.off > size_of(&body->fine, face->tet[0]);
     return met.gap <= rule->margin && !*has_slid && write_point(body, &p, &q, &met, rule, out);
+}
+
+/* ---- a leg */
+
+/* Compute the vectors whose triple product is the opening of a face times its area, by the normal of one of its sides:
+ * two directions in the side, and the vector between the middles of both sides. */
+static void find_opening(const pliant_body *body, const pliant_cut_face *face, int of, const double *positions,
+                         double out[3][3])
+{
+    const int32_t *tets = body->fine.tets, *own = tets + 4 * (size_t)face->tet[of];
+    double middle[2][3];
+    for (int k = 0; k < 2; k++) point_of(positions, own, face->along[of][k], out[k]);
+    for (int s = 0; s < 2; s++) point_of(positions, tets + 4 * (size_t)face->tet[s], face->at[s], middle[s]);
+    pliant_subtract3(middle[0], middle[1], out[2]);
+}
+
+double pliant_cut_advance(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces,
+                          const uint8_t *has_slid, const int32_t *piece, const double *from, const double *to,
+                          double depth)
+{
+    double fraction = 1;
+    for (int32_t f = 0; f < num_faces; f++) {
+        const pliant_cut_face *face = faces + f;
+        const int32_t own = piece ? piece[body->fine.tets[4 * (size_t)face->tet[0]]] : -1;
+        double coefficient[4] = {0, 0, 0, 0}, normal[3] = {0, 0, 0};
+        if (has_slid[f] || (own >= 0 && own == piece[body->fine.tets[4 * (size_t)face->tet[1]]])) continue;
+        for (int of = 0; of < 2; of++) {
+            double begin[3][3], end[3][3], one[4], cross[3];
+            find_opening(body, face, of, from, begin);
+            find_opening(body, face, of, to, end);
+            pliant_cubic_coefficients((const double(*)[3])begin, (const double(*)[3])end, one);
+            pliant_cross3(begin[0], begin[1], cross);
+            for (int k = 0; k < 4; k++) coefficient[k] += one[k];
+            for (int d = 0; d < 3; d++) normal[d] += cross[d];
+        }
+        const double area = pliant_length3(normal), limit = fmin(-depth * area, coefficient[0] - rounding * area);
+        if (area > 0) fraction = fmin(fraction, pliant_cubic_time(coefficient, limit));
+    }
+    return fraction;
 }
 
 /* ---- slid sides */

@@ -26,6 +26,8 @@ pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *dat
                                      double *out);
 /* Find the largest fraction of a leg in which no tissue passes through tissue. Errors: MEMORY. */
 pliant_status pliant_contact_advance_tissue(const pliant_model *model, pliant_data *data, double *fraction);
+/* Return the largest fraction of a leg in which the sides of a severed cut do not overlap (pliant_cut_advance). */
+double pliant_contact_advance_cuts(const pliant_model *model, const pliant_data *data);
 /* For debug builds: check the invariant after a leg, by other algorithms than pliant_contact_advance. Return whether no
  * tissue is in the core of a part. True if a pair overlapped when the leg began, or without memory for the check. */
 bool pliant_contact_is_outside_cores(const pliant_model *model, pliant_data *data);

@@ -3,6 +3,7 @@
 #include "base/buffer.h"
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
+#include "contact/advance/advance_rules.h"
 #include "contact/advance/pair.h"
 #include "sim/step/contact_workspace.h"
 #include "tool/clearance.h"
@@ -131,6 +132,16 @@ bool pliant_contact_find_near(void *context, int32_t count, const pliant_near_re
 static pliant_status reserve_search(pliant_contact_search *search)
 {
     return search->advance ? PLIANT_OK : pliant_advance_create(&search->settings, &search->advance);
+}
+
+double pliant_contact_advance_cuts(const pliant_model *model, const pliant_data *data)
+{
+    const pliant_contact_search *search = data->contact_search;
+    if (!search->tissue.has_slid || !pliant_contact_touches_itself(model)) return 1;
+    const double thickness = pliant_contact_tissue_rule(model, data, 0).thickness;
+    return pliant_cut_advance(data->body, search->tissue.num_faces, search->tissue.face, search->tissue.has_slid,
+                              search->tissue.piece, data->legs->positions, data->positions,
+                              pliant_advance_min_distance(&model->contact, thickness));
 }
 
 pliant_status pliant_contact_advance_tissue(const pliant_model *model, pliant_data *data, double *fraction)

@@ -388,7 +388,7 @@ static pliant_status find_free_fraction(const pliant_model *model, pliant_data *
     double of_parts = 1;
     pliant_status status = pliant_contact_advance(model, data, made, false, &of_parts);
     if (status == PLIANT_OK) status = pliant_contact_advance_tissue(model, data, fraction);
-    if (status == PLIANT_OK) *fraction = fmin(*fraction, of_parts);
+    if (status == PLIANT_OK) *fraction = fmin(*fraction, fmin(of_parts, pliant_contact_advance_cuts(model, data)));
     return status;
 }
 
@@ -480,7 +480,7 @@ static pliant_status apply_dynamic(const pliant_model *model, pliant_data *data,
     if (status == PLIANT_OK && is_blocked) status = pliant_legs_apply_islands(model, data);
     if (status == PLIANT_OK && (is_blocked || data->legs->limited_by_elements || !data->tled->zones))
         status = pliant_contact_advance_tissue(model, data, factor);
-    *factor = fmin(*factor, volumes);
+    *factor = fmin(*factor, fmin(volumes, pliant_contact_advance_cuts(model, data)));
     *smallest = *factor * of_parts;
     return status == PLIANT_OK && *factor < 1 ? pliant_legs_apply_fraction(model, data, *factor) : status;
 }
