@@ -1,9 +1,9 @@
 // Contact force of rigid tools on coarse cells, and its estimated error, against references.
 //
-// A tool is pressed into a block of 10 kPa and nu 0.45, whose bottom is fixed. References of spheres and punches are
-// the axisymmetric solutions of test/reference/indentation.py with the same law, without friction. The forces of the
-// cylinder and of an instrument's jaw have no reference: compare their values for smaller and smaller cells. The force
-// is the mean of the last two steps, because contact points of some hexahedra alternate between steps.
+// A tool is pressed into a block of 10 kPa and nu 0.45, whose bottom is fixed. References have the same law and no
+// friction. Those of spheres and punches are the axisymmetric solutions of test/reference/indentation.py. Those of the
+// cylinder and of an instrument's jaw are three-dimensional (test/reference/pressed_block.py). The force is the mean of
+// the last two steps, because contact points of some hexahedra alternate between steps.
 //
 // Usage:
 //   bench_force [element/kind] [element/law] [cell ...] [tool ...]     cells in mm; default: linear corotational
@@ -156,20 +156,21 @@ void measure(PressedBlock &block, const Tool &tool, const char *label, Errors &a
 std::vector<Tool> table(pliant_elasticity law)
 {
     std::vector<Tool> out;
-    const double depth[3] = {0.002, 0.004, 0.008}, deep[2] = {0.001, 0.003};
+    const double depth[3] = {0.002, 0.004, 0.008}, deep[2] = {0.001, 0.003}, sunk[3] = {0.001, 0.002, 0.004};
     const double forces[2][3] = {{0.2134, 0.5964, 1.6094}, {0.2279, 0.6628, 1.9286}}, // corotational, neo-Hookean
-        punches[2][2] = {{0.462, 1.314}, {0.476, 1.434}};
-    const double *force = forces[law], *hard = punches[law];
+        punches[2][2] = {{0.462, 1.314}, {0.476, 1.434}}, cylinders[2][3] = {{0.785, 1.736, 3.723}, {0, 0, 0}},
+                 jaws[2][3] = {{0.0986, 0, 0}, {0, 0, 0}}; // 0: none
+    const double *force = forces[law], *hard = punches[law], *wide = cylinders[law], *narrow = jaws[law];
     const pliant_part ball = sphere(0.02), flat = punch(0.015), cylinder = rod(0.01, 0.03);
     for (int d = 0; d < 3; d++) out.push_back({"sphere", ball, depth[d], force[d], 0, 0});
     for (int d = 0; d < 3; d++) out.push_back({"sphere aside", ball, depth[d], force[d], 0.0047, 0.0021});
     for (int d = 0; d < 3; d++) out.push_back({"sphere aside", ball, depth[d], force[d], 0.0033, 0.0047});
     for (int d = 0; d < 2; d++) out.push_back({"punch", flat, deep[d], hard[d], 0, 0});
     for (int d = 0; d < 2; d++) out.push_back({"punch aside", flat, deep[d], hard[d], 0.0033, 0.0047});
-    for (int d = 0; d < 3; d++) out.push_back({"cylinder", cylinder, depth[d], 0, 0, 0});
-    for (int d = 0; d < 3; d++) out.push_back({"cylinder aside", cylinder, depth[d], 0, 0.0021, 0.0037});
-    for (int d = 0; d < 2; d++) out.push_back({"jaw", jaw(), depth[d], 0, 0, 0});
-    for (int d = 0; d < 2; d++) out.push_back({"jaw aside", jaw(), depth[d], 0, 0.0033, 0.0047});
+    for (int d = 0; d < 3; d++) out.push_back({"cylinder", cylinder, depth[d], wide[d], 0, 0});
+    for (int d = 0; d < 3; d++) out.push_back({"cylinder aside", cylinder, depth[d], wide[d], 0.0021, 0.0037});
+    for (int d = 0; d < 3; d++) out.push_back({"jaw", jaw(), sunk[d], narrow[d], 0, 0});
+    for (int d = 0; d < 3; d++) out.push_back({"jaw aside", jaw(), sunk[d], narrow[d], 0.0033, 0.0047});
     return out;
 }
 

@@ -86,16 +86,17 @@ class Mesh:
         self.start = np.searchsorted(row, np.arange(len(self.rest) + 1))
         self.solver = None
 
-    def elastic(self, x, law, mu, lam):
+    def elastic(self, x, law, mu, lam, with_stiffness=True):
         """Return the forces (nodes x 3), and the stiffness of the elements (elements x 27 x 3 x 27 x 3)."""
         force = np.zeros_like(x)
-        stiffness = np.empty((len(self.element), 27, 3, 27, 3))
+        stiffness = np.empty((len(self.element), 27, 3, 27, 3)) if with_stiffness else None
         for part in np.array_split(np.arange(len(self.element)), len(self.element) // 200 + 1):
             n, gradient, weight = len(part), self.gradient[part], self.weight[part]
             f = np.einsum("eni,eqnj->eqij", x[self.element[part]], gradient, optimize=True)
             stress, moduli = law(f.reshape(-1, 3, 3), mu, lam)
             stress = stress.reshape(n, 27, 3, 3) * weight[..., None, None]
             np.add.at(force, self.element[part], np.einsum("eqij,eqnj->eni", stress, gradient, optimize=True))
+            if not with_stiffness: continue
             moduli = moduli.reshape(n, 27, 27, 3) * weight[..., None, None]  # (i, J, k) and L
             half = (moduli @ gradient.transpose(0, 1, 3, 2)).reshape(n, 27, 3, 3, 3, 27)  # q, i, J, k, node
             half = half.transpose(0, 2, 1, 3, 5, 4).reshape(n, 3, 81, 81)
