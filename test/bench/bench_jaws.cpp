@@ -132,15 +132,16 @@ Outcome close_jaws(const pliant_model *model, const char *name, bool with_blade)
 
 const pliant_model *make_model(bool with_blade)
 {
+    static pliant_volume scan[2]; // a model needs its scan and its labels
+    static pliant_labels labels[2];
     pliant_scene scene;
-    pliant_volume scan{};
-    pliant_labels labels{};
     pliant_material_table table{};
     pliant_model *model = nullptr;
     exit_on_error(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/grasp.yaml", &scene));
     if (with_blade) scene.cut.kind = PLIANT_CUT_SEVER;
-    exit_on_error(pliant_inputs_read(&scene, "phantom", &scan, &labels, &table));
-    exit_on_error(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model));
+    exit_on_error(pliant_inputs_read(&scene, "phantom", scan + with_blade, labels + with_blade, &table));
+    exit_on_error(
+        pliant_model_build(&scene, scan + with_blade, labels + with_blade, &table, {nullptr, nullptr}, &model));
     return model;
 }
 

@@ -17,7 +17,7 @@ const double box[3] = {0.12, 0.12, 0.12};
 Step turn(const pliant_tool_shape &shape, bool closes)
 {
     Step step;
-    step.iterations = 4;
+    step.iterations = 60; // the jaws crush tissue: with fewer the force of the grasp is not yet known
     step.tolerance = 1e-3;
     step.stiffness = 1000;
     ToolInput tool;
