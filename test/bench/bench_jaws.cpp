@@ -120,7 +120,7 @@ Outcome close_jaws(const pliant_model *model, const char *name, bool with_blade)
         out.evaluations = std::max(out.evaluations, statistics.iterations);
         out.inverted = std::max(out.inverted, pliant_data_get_inverted(data));
         out.not_converged += status == PLIANT_NOT_CONVERGED;
-        out.torque = std::fmax(out.torque, data->tools[tool].proxy.coupling_load[2]);
+        out.torque = std::fmax(out.torque, std::fabs(data->tools[tool].proxy.load.jaw));
     }
     if (!with_blade) out.lifted = height - data->positions[3 * nearest + 1];
     std::sort(times.begin(), times.end());
