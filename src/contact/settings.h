@@ -21,7 +21,7 @@
  * rest: bench_force linear 10, and for two settings bench_force hexahedra 10. 12 and 24 of 46 forces vary by
  *     more than 0.1 %, by up to 1.48 and 4.46 %. Errors of the sphere are -1.0 to +6.3 % and -0.6 to
  *     +13.5 %. Errors of the punch are +1.8 to +6.8 % and +0.1 to +5.0 %.
- * self: bench_self 3 0 flaps, and fold. Of 53 and 81 steps, 3 and 11 end early. A step takes 5.5 and 7.9 evaluations.
+ * self: bench_self 3 0 flaps, and fold. 3 of 53 and 11 of 81 steps end early. A step takes 5.5 and 7.9 evaluations.
  * blade: pliant_deform launch/scenes/resect.yaml --tools launch/scenes/resect_path.yaml. 51 steps, 42 evaluations. */
 #ifndef PLIANT_CONTACT_SETTINGS_H
 #define PLIANT_CONTACT_SETTINGS_H

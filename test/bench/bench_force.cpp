@@ -1,9 +1,9 @@
 // Contact force of rigid tools on coarse cells, and its estimated error, against references.
 //
 // A tool is pressed into a block of 10 kPa and nu 0.45, whose bottom is fixed. References have the same law and no
-// friction. Those of spheres and punches are the axisymmetric solutions of test/reference/indentation.py. Those of the
-// cylinder and of an instrument's jaw are three-dimensional (test/reference/pressed_block.py). The force is the mean of
-// the last two steps, because contact points of some hexahedra alternate between steps.
+// friction. For spheres and punches they are axisymmetric (test/reference/indentation.py). For the cylinder and the jaw
+// of an instrument they are three-dimensional (test/reference/pressed_block.py). The force is the mean of the last two
+// steps, because contact points of some hexahedra alternate between steps.
 //
 // Usage:
 //   bench_force [element/kind] [element/law] [cell ...] [tool ...]     cells in mm; default: linear corotational

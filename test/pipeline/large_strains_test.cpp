@@ -26,8 +26,8 @@ const Case cases[] = {
 
 // ---- Cook's membrane
 
-// Plane strain, 48 mm wide, 44 mm high at the clamped side, 16 mm at the side with an upward dead load of 1 N per
-// millimetre of thickness, in cubes of `cell` [mm].
+// Plane strain, cubes of `cell` [mm]. The membrane is 48 mm wide, and 44 mm high at the clamped side. The other side is
+// 16 mm high. It has an upward dead load of 1 N per millimetre of thickness.
 struct Membrane : Body {
     static constexpr double shear = 0.4225e6, poisson = 0.3, thick = 1e-3;
     Eigen::VectorXd load, x; // [N], [m]

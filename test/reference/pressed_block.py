@@ -15,7 +15,7 @@ from hexahedra import LAWS, Mesh, lame, line
 
 YOUNG, POISSON, EDGE, HEIGHT = 10e3, 0.45, 0.12, 0.06
 SAMPLES = 5  # points along an edge of an element's face
-# radius and half of the axis [m], depths [m], increment of the depth [m], default sizes of elements
+# of each tool: radius, half of the axis, depths, increment of the depth [m]; default sizes of elements
 TOOLS = {"sphere": (0.02, 0, (0.002, 0.004, 0.008), 1e-3, (0.2,)),
          "cylinder": (0.01, 0.03, (0.002, 0.004, 0.008), 5e-4, (0.4, 0.25)),
          "jaw": (0.0014, 0.01, (0.001, 0.002), 1e-4, (0.6, 0.4))}

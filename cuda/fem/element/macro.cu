@@ -163,8 +163,8 @@ static __device__ void frame_of(const gpu_system &system, const double *x, int c
         rotation_of(f, out->rotation);
 }
 
-/* Compute all frames. evaluates: of the evaluated iterate, with what the elements' law adds to their stresses;
- * otherwise of the present one. */
+/* Compute all frames. evaluates: use the evaluated iterate, and compute the additional stresses of the law; otherwise
+ * use the present one. */
 static __global__ void __launch_bounds__(FRAMES)
     macro_frame_kernel(gpu_system system, gpu_iteration iteration, bool evaluates)
 {

@@ -18,7 +18,7 @@ typedef struct gpu_macros {
     uint8_t *d_held, *d_grounded;
     double *d_gradient, *d_shear; /* d_shear is NULL for homogenized elements */
     pliant_macro_law *d_law;      /* (count) NULL: corotational */
-    double *d_addition;           /* (count x 9) what the law adds to the stress; NULL without d_law [N m] */
+    double *d_addition;           /* (count x 9) additional stress of the law; NULL without d_law [N m] */
     pliant_macro_frame *d_frame; /* (count) of the last requested iterate */
     int64_t *d_root_start;     /* (count) into d_root */
     float *d_root;

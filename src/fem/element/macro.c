@@ -54,7 +54,7 @@ PLIANT_VECTORIZED static void additions_of(double f[9][LANES], double r[9][LANES
     }
 }
 
-/* Compute what the neo-Hookean law adds to the stresses of elements [first, first + LANES). */
+/* Compute the additional stresses of the neo-Hookean law, for elements [first, first + LANES). */
 static void find_additions(const pliant_macros *macros, int32_t first, double f[9][LANES], double r[9][LANES],
                            double out[9][LANES])
 {

@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Regularization: compliance of a point on a piece, divided by 1 / (E sqrt(area)), that of a flat punch on tissue. */
+/* Regularization: compliance of a point on a piece, divided by the compliance of a flat punch, 1 / (E sqrt(area)). */
 static const double point_compliance = 1e-3;
 
 /* Return the index of a body in contacts->moving. < 0: out of memory */
