@@ -155,15 +155,30 @@ struct Sweep : RodSheet {
     }
 };
 
-TEST(NearTriangles, TheListChangesNoBit)
+// Run a test on the CPU and on a GPU, if there is one.
+void on_each(const std::function<void(pliant_backend_choice)> &test)
 {
-    for (pliant_backend_choice choice : {PLIANT_CPU, PLIANT_CUDA}) {
-        if (choice == PLIANT_CUDA && !there_is_a_gpu()) continue;
-        for (int number : {0, 4, 5, 6})
-            compare(cases[number].name, choice, 10,
-                    [&] { return std::make_unique<PlaneBlock>(cases[number], choice); });
+    test(PLIANT_CPU);
+    if (there_is_a_gpu()) test(PLIANT_CUDA);
+}
+
+class NearTriangles : public testing::TestWithParam<int> {};
+
+TEST_P(NearTriangles, OfABlockChangeNoBit)
+{
+    const Case &block = cases[GetParam()];
+    on_each([&](pliant_backend_choice choice) {
+        compare(block.name, choice, 10, [&] { return std::make_unique<PlaneBlock>(block, choice); });
+    });
+}
+
+INSTANTIATE_TEST_SUITE_P(Cases, NearTriangles, testing::Values(0, 4, 5, 6));
+
+TEST(NearTrianglesOfASweep, ChangeNoBit)
+{
+    on_each([&](pliant_backend_choice choice) {
         compare("a rod sweeps a sheet", choice, 8, [&] { return std::make_unique<Sweep>(choice); });
-    }
+    });
 }
 
 } // namespace
