@@ -250,8 +250,8 @@ static pliant_status enqueue_upsample(const pliant_model *model, const pliant_da
         cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
 }
 
-/* Make the downloaded positions the host's positions. */
-static void take(pliant_data *data, const double *h_solved)
+/* Make the downloaded state the host's state. */
+static void take(pliant_data *data)
 {
     cuda_data *state = state_of(data);
     if (state->pinned_positions) {
@@ -262,19 +262,17 @@ static void take(pliant_data *data, const double *h_solved)
         state->next_positions = data->positions;
         data->positions = arrived;
     }
-    if (h_solved)
-        memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
+    pliant_cuda_solver_take(state->solver, data->solver);
     pliant_report_grasps(data);
 }
 
 static pliant_status copy_result_to_host(const pliant_model *, pliant_data *data)
 {
     cuda_data *state = state_of(data);
-    const double *h_solved;
     if (state->is_on_host) return PLIANT_OK;
-    CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
+    CUDA_TRY(pliant_cuda_solver_download(state->solver));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
-    take(data, h_solved);
+    take(data);
     state->is_on_host = true;
     return PLIANT_OK;
 }
@@ -299,14 +297,13 @@ static pliant_status finish(pliant_data *data)
 {
     cuda_data *state = state_of(data);
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
-    const double *h_solved = NULL;
-    if (!state->is_on_host) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
+    if (!state->is_on_host) CUDA_TRY(pliant_cuda_solver_download(state->solver));
     else if (warp && (state->moved || data->rigid_pieces || data->statistics.patched > 0))
         CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
     if (warp) CUDA_TRY(pliant_cuda_warp_finish(warp, state->d_positions, state->stream));
-    if (!state->is_on_host) take(data, h_solved);
+    if (!state->is_on_host) take(data);
     return data->warp && !warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
 

@@ -83,6 +83,33 @@ typedef struct gpu_history {
     gpu_secants secants;
 } gpu_history;
 
+/* Sums of each block of pressures: products of the evaluated steps of the pressures with themselves, with the present
+ * iterate's and with the previous step's. Products of the secants with the evaluated steps follow, and then with the
+ * previous step's. */
+enum { PRESSURE_OWN, PRESSURE_NOW, PRESSURE_PAST, PRESSURE_SECANTS };
+enum { PRESSURE_SUMS = PRESSURE_SECANTS + 2 * GPU_HISTORY };
+
+/* Pressures of nearly incompressible tissue (src/fem/quasistatic/pressure.h). Without such tissue, `count` is 0, and no
+ * array exists. */
+typedef struct gpu_pressures {
+    int32_t count, elements;
+    /* Constant: struct pliant_pressures. */
+    int32_t *d_of_element;     /* (elements) */
+    double *d_element_volume;  /* (elements) */
+    double *d_volume, *d_compliance, *d_gain; /* (count) */
+    int32_t *d_unknown;        /* (corners of all elements) unknown node, or -1 */
+    int32_t *d_group_start;    /* (count + 1) into d_group */
+    int32_t *d_group;          /* elements of each pressure; they have equally many corners */
+    /* These belong to the two iterates, like gpu_iteration.d_x. */
+    double *d_pressure[2], *d_step[2]; /* (count) */
+    double *d_past_step;               /* (count) final step of the previous step */
+    double *d_secant_pressure, *d_secant_step; /* (`capacity` x count) */
+    /* These belong to the state whose forces were computed last. */
+    double *d_change;          /* (elements) change of volume */
+    double *d_derivative;      /* (9 x elements) its derivative by F */
+    double *d_sums;            /* (PRESSURE_SUMS x blocks) */
+} gpu_pressures;
+
 /* Arrays of the iteration. Pointers are device pointers; n = 3 num_free. */
 typedef struct gpu_iteration {
     int32_t num_free, num_nodes, capacity;
@@ -103,6 +130,7 @@ typedef struct gpu_iteration {
     double *d_axes;            /* (num_free x 9) axes of the nodes */
     float *d_right, *d_left;   /* (n, padded) input and output of the preconditioner */
     double *d_sums;            /* (GATHER_SUMS x blocks of the gather), then (DOT_SUMS x blocks of the dot products) */
+    gpu_pressures pressures;
 } gpu_iteration;
 
 #ifdef __CUDACC__
@@ -110,6 +138,11 @@ typedef struct gpu_iteration {
 static __device__ __forceinline__ int gpu_target(const gpu_state *state)
 {
     return state->iterations == 0 ? state->now : 1 - state->now;
+}
+/* Return whether products with the final step of the previous step are computed. */
+static __device__ __forceinline__ bool gpu_looks_back(const gpu_state *state)
+{
+    return state->iterations == 0 && state->start_is_evaluated;
 }
 /* Return whether the elastic forces of the evaluated state are known from the end of the last step. */
 static __device__ __forceinline__ bool gpu_has_forces(const gpu_state *state)

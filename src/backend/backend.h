@@ -1,6 +1,6 @@
 /* Backends: tables of functions that run the stages of a step. The CPU backend always exists and is the reference for
- * the others. The state stays in the backend's memory. Fine positions, tool forces and statistics are copied to the
- * host in every step. Drawing and segmentation have separate tables (warp/device.h, scan/segment.h). */
+ * the others. The state stays in the backend's memory. Positions, pressures, tool forces and statistics are copied
+ * to the host in every step. Drawing and segmentation have separate tables (warp/device.h, scan/segment.h). */
 #ifndef PLIANT_BACKEND_BACKEND_H
 #define PLIANT_BACKEND_BACKEND_H
 

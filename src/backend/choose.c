@@ -1,7 +1,6 @@
 #include "backend/backend.h"
 #include "base/count.h"
 #include "base/fail.h"
-#include "fem/quasistatic/solver.h"
 #include "warp/device.h"
 
 static_assert(PLIANT_COUNT_OF(PLIANT_SOLVER_LIST) == 2, "a new solver needs its functions here");
@@ -20,23 +19,13 @@ static pliant_status choose(const pliant_host_solver *host_solver, pliant_backen
     return status;
 }
 
-/* Return why only the CPU can solve the scene, or NULL. */
-static const char *find_cpu_reason(const pliant_data *data)
-{
-    return data->solver && data->solver->pressures ? "a poisson_ratio above 0.49 has no GPU code" : NULL;
-}
-
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data)
 {
     const pliant_host_solver *host_solver = pliant_host_solver_of(model);
-    const char *reason = find_cpu_reason(data);
-    if (reason && model->scene.solver.backend == PLIANT_CUDA)
-        return pliant_fail(PLIANT_ERROR_SCENE, "solver/backend: cuda; %s; set auto or cpu", reason);
-    const pliant_backend_choice choice = reason ? PLIANT_CPU : model->scene.solver.backend;
     char text[PLIANT_BACKEND_TEXT];
+    const pliant_backend_choice choice = model->scene.solver.backend;
     pliant_status status = choose(host_solver, choice, text, &data->backend);
     if (status != PLIANT_OK) return status;
-    if (reason) pliant_log(PLIANT_LOG_INFO, "backend: cpu; %s", reason);
     status = data->backend->create(model, data);
     if (data->backend == host_solver->cpu) {
         if (choice == PLIANT_AUTO) pliant_log(PLIANT_LOG_INFO, "backend: cpu; no GPU is used: %s", text);

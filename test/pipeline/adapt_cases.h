@@ -21,6 +21,7 @@ const double box[3] = {0.16, 0.16, 0.16};
 struct Case {
     const char *name;
     std::function<void(pliant_scene &)> set;
+    double poisson = 0.4; // of the soft tissue
 };
 
 inline void coarse(pliant_scene &scene, pliant_method method)
@@ -93,7 +94,7 @@ const Case relaxed{"relaxation", [](pliant_scene &scene) { explicit_dynamics(sce
 // are allowed, so that history and factors matter.
 inline std::unique_ptr<Body> make(const Case &each)
 {
-    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}},
+    std::unique_ptr<Body> body(new Body(size, box, {{4000, each.poisson, 1000, false}, {20000, 0.4, 1200, false}},
                                         [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; }));
     body->fix_plane(0, 0, 1e-6, 0, 0, 1);
     body->cells(8, 8, 8, 1);

@@ -22,7 +22,15 @@ struct Case {
     pliant_preconditioner_choice preconditioner;
     pliant_element_kind element = PLIANT_LINEAR;
     pliant_elasticity law = PLIANT_ELASTICITY_COROTATIONAL;
+    double poisson = 0.45; // of the soft tissue; the stiff inclusions keep theirs
 };
+
+inline std::vector<Material> materials_of(const Case &c)
+{
+    std::vector<Material> materials = three;
+    materials[0].poisson = c.poisson;
+    return materials;
+}
 
 inline void prepare(Body &body, const Case &c, pliant_backend_choice backend)
 {

@@ -78,7 +78,7 @@ TEST(CudaContact, MeetsTheCpu)
 TEST(CudaContact, SameInputSameBits)
 {
     NEEDS_GPU();
-    for (int number : {1, 2, 6}) {
+    for (int number : {1, 2, 6, 7, 8}) {
         SCOPED_TRACE(cases[number].name);
         std::vector<double> results[2];
         for (std::vector<double> &result : results) {

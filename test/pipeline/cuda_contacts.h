@@ -36,6 +36,7 @@ struct Case {
     // with friction on hexahedra a step has two solutions: from other initial forces, the CPU does not reproduce its
     // own result
     double friction = 0.3;
+    double poisson = 0.4;
 };
 
 const Case cases[] = {
@@ -46,6 +47,9 @@ const Case cases[] = {
     {"averaged, inverse, a spring beside", PLIANT_AVERAGED, 2, PLIANT_DIRECT, true, false, 1e-6},
     {"hexahedra, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, false, 1e-6, PLIANT_HEXAHEDRA, 0.15},
     {"tissue on tissue, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, true, 1e-6},
+    {"nu 0.499, inverse, a spring beside", PLIANT_FINE, 1, PLIANT_DIRECT, true, false, 1e-6, PLIANT_LINEAR, 0.3, 0.499},
+    {"nu 0.4999, hexahedra, V-cycle", PLIANT_FINE, 1, PLIANT_MULTIGRID, false, false, 1e-6, PLIANT_HEXAHEDRA, 0.15,
+     0.4999},
 };
 
 // A block of 60 x 40 x 25 mm on a fixed base, with or without a slot that is open on one side.
@@ -54,7 +58,7 @@ struct Block : Body {
     // small: elements twice as large
     Block(const Case &of, pliant_backend_choice backend, bool small = false)
         : Body(std::vector<int>{24, 16, 10}.data(), std::vector<double>{12 * h, 8 * h, 5 * h}.data(),
-               {{4000, 0.4, 1000, false}, {1, 0.3, 1, true}},
+               {{4000, of.poisson, 1000, false}, {1, 0.3, 1, true}},
                [&of](int i, int, int k) { return of.slot && k / 2 == 2 && i >= 8; }),
           c(of)
     {

@@ -21,6 +21,7 @@ struct Case {
     pliant_element_kind element;
     pliant_cut_kind cut = PLIANT_CUT_SEVER;
     pliant_elasticity law = PLIANT_ELASTICITY_COROTATIONAL;
+    double poisson = 0.4; // of the soft tissue
 };
 
 void set(Body &body, const Case &c, pliant_backend_choice backend)
@@ -91,10 +92,19 @@ TEST(CudaCut, MeetsTheCpu)
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SEVER,
                                PLIANT_ELASTICITY_NEO_HOOKEAN},
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA, PLIANT_CUT_SEVER,
-                               PLIANT_ELASTICITY_NEO_HOOKEAN}}) {
+                               PLIANT_ELASTICITY_NEO_HOOKEAN},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SEVER,
+                               PLIANT_ELASTICITY_COROTATIONAL, 0.4999},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE,
+                               PLIANT_ELASTICITY_COROTATIONAL, 0.499},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_HEXAHEDRA, PLIANT_CUT_SEVER,
+                               PLIANT_ELASTICITY_COROTATIONAL, 0.499},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA, PLIANT_CUT_SEVER,
+                               PLIANT_ELASTICITY_NEO_HOOKEAN, 0.4999}}) {
         SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) +
-                     " " + std::to_string(c.element) + " " + std::to_string(c.cut) + " " + std::to_string(c.law));
-        const std::vector<Material> two = {{5000, 0.4, 1000, false}, {60000, 0.4, 1100, false}};
+                     " " + std::to_string(c.element) + " " + std::to_string(c.cut) + " " + std::to_string(c.law) + " " +
+                     std::to_string(c.poisson));
+        const std::vector<Material> two = {{5000, c.poisson, 1000, false}, {60000, 0.4, 1100, false}};
         auto inclusions = [](int i, int j, int) { return i / 6 % 2 && j / 8 % 2 ? 1 : 0; };
         Body cpu(size, box, two, inclusions), gpu(size, box, two, inclusions);
         prepare(cpu, c, PLIANT_CPU);

@@ -26,6 +26,17 @@ const Case octree_dynamic{"tled_octree", [](pliant_scene &scene) {
                               octree.set(scene);
                           }};
 
+const Case incompressible{"incompressible", direct.set, 0.4999};
+const Case incompressible_hexahedra{"incompressible_hexahedra",
+                                    [](pliant_scene &scene) {
+                                        hexahedra.set(scene);
+                                        scene.element.law = PLIANT_ELASTICITY_NEO_HOOKEAN;
+                                    },
+                                    0.4999};
+const Case incompressible_octree{"incompressible_octree", octree.set, 0.499};
+const Case incompressible_octree_hexahedra{"incompressible_octree_hexahedra", octree_hexahedra.set, 0.4999};
+const Case incompressible_subdivided{"incompressible_subdivide", subdivided.set, 0.499};
+
 std::string name_of(const testing::TestParamInfo<Case> &info) { return info.param.name; }
 
 // A block hangs from its floor and is pulled at two points; a blade cuts down through it twice. CPU and GPU share its
@@ -39,7 +50,8 @@ struct Runs {
         pliant_scene scene{};
         each.set(scene);
         const bool on_bone = scene.mesh.bone_surface;
-        body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}, {4000, 0.4, 1000, false}},
+        body.reset(new Body(size, box,
+                            {{4000, each.poisson, 1000, false}, {20000, 0.4, 1200, false}, {4000, 0.4, 1000, false}},
                             [on_bone](int i, int j, int k) {
                                 const double x[3] = {i - 9.3, j - 7.6, k - 6.2};
                                 return on_bone && x[0] * x[0] + x[1] * x[1] + x[2] * x[2] < 22
@@ -200,7 +212,9 @@ INSTANTIATE_TEST_SUITE_P(Cuda, EveryEngine,
                          testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain,
                                          coarse_hexahedra, schur, schur_hexahedra, patch, patch_hexahedra,
                                          octree, octree_hexahedra, bone, hexahedra_on_bone, tough, subdivided, dynamic,
-                                         cubes, octree_dynamic, subdivided_dynamic, relaxed),
+                                         cubes, octree_dynamic, subdivided_dynamic, relaxed, incompressible,
+                                         incompressible_hexahedra, incompressible_octree,
+                                         incompressible_octree_hexahedra, incompressible_subdivided),
                          name_of);
 
 // Compute a step of two runs. The first one does not wait; the second one uses the same background results.
@@ -242,6 +256,8 @@ TEST_P(EveryRecording, IsPlayedBackToTheBit)
     EXPECT_TRUE(taken & PLIANT_RESULT_FACTOR);
 }
 INSTANTIATE_TEST_SUITE_P(Cuda, EveryRecording,
-                         testing::Values(direct, multigrid, hexahedra, averaged, patch, octree, subdivided), name_of);
+                         testing::Values(direct, multigrid, hexahedra, averaged, patch, octree, subdivided,
+                                         incompressible, incompressible_octree_hexahedra),
+                         name_of);
 
 } // namespace

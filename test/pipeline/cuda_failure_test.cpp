@@ -55,7 +55,7 @@ int64_t next_failing_call(int64_t call, int stride) { return call + stride + cal
 void fail_every_call(const Case &c, double patch, int stride)
 {
     const int steps = 3;
-    Body good(size, box, three, inclusions), body(size, box, three, inclusions);
+    Body good(size, box, materials_of(c), inclusions), body(size, box, materials_of(c), inclusions);
     for (Body *each : {&good, &body}) {
         prepare(*each, c, each == &good ? PLIANT_CPU : PLIANT_AUTO);
         each->cells(2, 2, 2, 2);
@@ -97,6 +97,14 @@ TEST(CudaFailure, TheCpuContinues)
     fail_every_call({PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT}, 0, 1);
 }
 
+TEST(CudaFailure, TheCpuContinuesWithPressures)
+{
+    NEEDS_GPU();
+    fail_every_call({PLIANT_FINE, PLIANT_DRIVE_SPRING, 2, 0, 1, PLIANT_DIRECT, PLIANT_HEXAHEDRA,
+                     PLIANT_ELASTICITY_COROTATIONAL, 0.4999},
+                    0, 3);
+}
+
 TEST(CudaFailure, TheCpuContinuesWithPatches)
 {
     NEEDS_GPU();
@@ -110,8 +118,9 @@ enum { CUT = 2, UNDO = 7, STEPS = 9 };
 
 // A bar of 16 cubes, or two coarse ones.
 struct Bar : Body {
-    Bar(pliant_method method, pliant_preconditioner_choice preconditioner, pliant_backend_choice backend)
-        : Body(std::vector<int>{8, 8, 16}.data(), bar_box, {{20000, 0.4, 1000, false}, {60000, 0.4, 1100, false}},
+    Bar(pliant_method method, pliant_preconditioner_choice preconditioner, double poisson,
+        pliant_backend_choice backend)
+        : Body(std::vector<int>{8, 8, 16}.data(), bar_box, {{20000, poisson, 1000, false}, {60000, 0.4, 1100, false}},
                [](int i, int, int k) { return i < 4 && k > 5; })
     {
         const int ratio = method == PLIANT_FINE ? 1 : 2;
@@ -147,11 +156,16 @@ struct Bar : Body {
 TEST(CudaFailure, FailureDuringACut)
 {
     NEEDS_GPU();
-    struct { pliant_method method; pliant_preconditioner_choice preconditioner; int stride; } runs[] = {
-        {PLIANT_FINE, PLIANT_DIRECT, 1}, {PLIANT_FINE, PLIANT_MULTIGRID, 7}, {PLIANT_AVERAGED, PLIANT_DIRECT, 5}};
+    struct { pliant_method method; pliant_preconditioner_choice preconditioner; int stride; double poisson; } runs[] = {
+        {PLIANT_FINE, PLIANT_DIRECT, 1, 0.4},
+        {PLIANT_FINE, PLIANT_MULTIGRID, 7, 0.4},
+        {PLIANT_AVERAGED, PLIANT_DIRECT, 5, 0.4},
+        {PLIANT_FINE, PLIANT_DIRECT, 7, 0.499}};
     for (const auto &run : runs) {
-        SCOPED_TRACE(std::to_string(run.method) + " " + std::to_string(run.preconditioner));
-        Bar good(run.method, run.preconditioner, PLIANT_CPU), body(run.method, run.preconditioner, PLIANT_AUTO);
+        SCOPED_TRACE(std::to_string(run.method) + " " + std::to_string(run.preconditioner) + " " +
+                     std::to_string(run.poisson));
+        Bar good(run.method, run.preconditioner, run.poisson, PLIANT_CPU),
+            body(run.method, run.preconditioner, run.poisson, PLIANT_AUTO);
         std::vector<double> there[STEPS];
         ASSERT_EQ(good.build(), PLIANT_OK) << pliant_last_error();
         for (int s = 0; s < STEPS; s++) {
@@ -284,15 +298,16 @@ TEST(CudaFailure, FailureDuringLegsOfASweep)
 TEST(CudaFailure, AnExplicitlySelectedGpuIsAnError)
 {
     NEEDS_GPU();
-    const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT};
-    Body body(size, box, three, inclusions);
+    const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT, PLIANT_LINEAR,
+                    PLIANT_ELASTICITY_COROTATIONAL, 0.499};
+    Body body(size, box, materials_of(c), inclusions);
     prepare(body, c, PLIANT_CUDA);
     pliant_cuda_fail_after(0);
     EXPECT_EQ(body.build(), PLIANT_ERROR_UNAVAILABLE);
     pliant_cuda_fail_after(-1);
     EXPECT_NE(std::string(pliant_last_error()).find("solver/backend"), std::string::npos) << pliant_last_error();
     size_t before = pliant_memory_in_use();
-    for (int calls = 1; calls < 60; calls++) { // incomplete states are freed
+    for (int calls = 1; calls < 200; calls++) { // incomplete states are freed
         pliant_data *data = nullptr;
         pliant_cuda_fail_after(calls);
         if (pliant_data_create(body.model, &data) == PLIANT_OK) pliant_data_free(data);

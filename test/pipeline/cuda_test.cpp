@@ -3,6 +3,7 @@
 #include "cuda_bodies.h"
 #include "cuda_warps.h"
 #include "model_data/data.h"
+#include "pliant/state.h"
 #include "tolerance.h"
 
 #include <algorithm>
@@ -37,7 +38,40 @@ const Case cases[] = {
     {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_MULTIGRID, PLIANT_LINEAR, PLIANT_ELASTICITY_NEO_HOOKEAN},
     {PLIANT_FINE, PLIANT_DRIVE_SPRING, 9.81, 0, 2, PLIANT_DIRECT, PLIANT_HEXAHEDRA, PLIANT_ELASTICITY_NEO_HOOKEAN},
     {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_MULTIGRID, PLIANT_HEXAHEDRA, PLIANT_ELASTICITY_NEO_HOOKEAN},
+    {PLIANT_FINE, PLIANT_DRIVE_SPRING, 9.81, 0, 2, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_ELASTICITY_COROTATIONAL,
+     0.4999},
+    {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_MULTIGRID, PLIANT_LINEAR, PLIANT_ELASTICITY_NEO_HOOKEAN, 0.499},
+    {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_DIRECT, PLIANT_HEXAHEDRA, PLIANT_ELASTICITY_COROTATIONAL, 0.499},
+    {PLIANT_FINE, PLIANT_DRIVE_SPRING, 2, 0, 2, PLIANT_MULTIGRID, PLIANT_HEXAHEDRA, PLIANT_ELASTICITY_NEO_HOOKEAN,
+     0.4999},
 };
+
+// Return the pressures of nearly incompressible tissue.
+std::vector<double> pressures_of(const Body &body)
+{
+    const pliant_solver *solver = body.data->solver;
+    return solver->pressures
+               ? std::vector<double>(solver->now.pressure, solver->now.pressure + solver->pressures->count)
+               : std::vector<double>();
+}
+
+double largest_of(const std::vector<double> &values)
+{
+    double maximum = 0;
+    for (double one : values) maximum = std::fmax(maximum, std::fabs(one));
+    return maximum;
+}
+
+// The host has the pressures after every step.
+void expect_same_pressures(const Case &c, const Body &cpu, const Body &gpu)
+{
+    const std::vector<double> a = pressures_of(cpu), b = pressures_of(gpu);
+    ASSERT_EQ(a.size() > 0, c.poisson > 0.49);
+    ASSERT_EQ(a.size(), b.size());
+    if (a.empty()) return;
+    EXPECT_GT(largest_of(b), 10);
+    EXPECT_LT(farthest(a.data(), b.data(), static_cast<int32_t>(a.size() / 3)), 1e-4 * largest_of(a));
+}
 
 TEST(CudaRun, MeetsTheCpu)
 {
@@ -45,7 +79,7 @@ TEST(CudaRun, MeetsTheCpu)
     int number = 0;
     for (const Case &c : cases) {
         SCOPED_TRACE(number++);
-        Body cpu(size, box, three, inclusions), gpu(size, box, three, inclusions);
+        Body cpu(size, box, materials_of(c), inclusions), gpu(size, box, materials_of(c), inclusions);
         prepare(cpu, c, PLIANT_CPU);
         prepare(gpu, c, PLIANT_CUDA);
         ASSERT_EQ(cpu.build(), PLIANT_OK) << pliant_last_error();
@@ -68,6 +102,7 @@ TEST(CudaRun, MeetsTheCpu)
         }
         EXPECT_LT(min_converged, 1e-7);
         EXPECT_LT(worst, 1e-5 * box[0]);
+        expect_same_pressures(c, cpu, gpu);
         EXPECT_GT(farthest(gpu.data->positions, gpu.model->body->fine.rest, gpu.model->body->fine.num_nodes), 0.002);
         RecordProperty(("worst_" + std::to_string(number)).c_str(), std::to_string(worst / box[0]).c_str());
         // the volume that stayed on the GPU equals the CPU's volume for the same positions
@@ -256,11 +291,14 @@ TEST(CudaRun, OneEvaluationMeetsTheCpu)
 TEST(CudaRun, SameInputSameBits)
 {
     NEEDS_GPU();
-    for (pliant_preconditioner_choice preconditioner : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
-        const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 2, preconditioner};
+    const Case runs[] = {{PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 2, PLIANT_DIRECT},
+                         {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 2, PLIANT_MULTIGRID},
+                         cases[18],
+                         cases[21]};
+    for (const Case &c : runs) {
         std::vector<double> results[3];
         for (std::vector<double> &result : results) {
-            Body body(size, box, three, inclusions);
+            Body body(size, box, materials_of(c), inclusions);
             prepare(body, c, PLIANT_CUDA);
             body.scene.solver.tolerance = 1e-3;
             body.scene.solver.iterations = 6;
@@ -271,9 +309,96 @@ TEST(CudaRun, SameInputSameBits)
             }
             for (int s = 1; s <= 30; s++) step(body, c, s, 30);
             result.assign(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
+            const std::vector<double> pressures = pressures_of(body);
+            result.insert(result.end(), pressures.begin(), pressures.end());
         }
         EXPECT_EQ(results[0], results[1]);
         EXPECT_EQ(results[0], results[2]);
+    }
+}
+
+// Return the median time of a solve with six evaluations [ms].
+double time_of_solve(Body &body, const Case &c, int steps)
+{
+    std::vector<double> times;
+    EXPECT_EQ(pliant_data_set_limits(body.data, 6, 1e-12), PLIANT_OK);
+    for (int s = steps + 1; s <= 2 * steps; s++) {
+        step(body, c, s, steps);
+        times.push_back(1e3 * body.data->statistics.seconds[PLIANT_STEP_solve]);
+    }
+    std::sort(times.begin(), times.end());
+    return times[times.size() / 2];
+}
+
+// As solver_test does on the CPU. With V-cycles, the body has 8000 cubes.
+TEST(CudaRun, NearlyIncompressibleTissueNeedsAtMostTwiceTheEvaluations)
+{
+    NEEDS_GPU();
+    const int many[3] = {40, 40, 40}, steps = 20;
+    for (pliant_preconditioner_choice preconditioner : {PLIANT_DIRECT, PLIANT_MULTIGRID})
+        for (pliant_element_kind kind : {PLIANT_HEXAHEDRA, PLIANT_LINEAR})
+            for (pliant_elasticity law : {PLIANT_ELASTICITY_COROTATIONAL, PLIANT_ELASTICITY_NEO_HOOKEAN}) {
+                const bool large = preconditioner == PLIANT_MULTIGRID;
+                int evaluations[2] = {0, 0};
+                double time[2];
+                for (int n = 0; n < 2; n++) {
+                    const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 2, 0, 1, preconditioner, kind, law,
+                                    n == 0 ? 0.45 : 0.4999};
+                    Body body(large ? many : size, box, materials_of(c));
+                    prepare(body, c, PLIANT_CUDA);
+                    if (large) body.cells(10, 10, 10, 2);
+                    body.scene.solver.tolerance = 1e-3;
+                    body.scene.solver.iterations = 6;
+                    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+                    for (int s = 1; s <= steps; s++) {
+                        step(body, c, s, steps);
+                        evaluations[n] += body.data->statistics.iterations;
+                    }
+                    time[n] = time_of_solve(body, c, steps);
+                    ASSERT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
+                }
+                std::printf("%s, %s%s: %d evaluations at nu 0.45, %d at 0.4999; six take %.3f and %.3f ms\n",
+                            large ? "V-cycle" : "direct", kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra",
+                            law == PLIANT_ELASTICITY_NEO_HOOKEAN ? ", neo-Hookean" : "", evaluations[0], evaluations[1],
+                            time[0], time[1]);
+                EXPECT_LE(evaluations[1], 2 * evaluations[0]);
+            }
+}
+
+// A state saved on the GPU contains the pressures, and so does a copy.
+TEST(CudaRun, ContinuesFromASavedState)
+{
+    NEEDS_GPU();
+    for (Case c : {cases[18], cases[20]}) {
+        c.gravity = 2;
+        Body body(size, box, materials_of(c), inclusions);
+        prepare(body, c, PLIANT_CUDA);
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        for (int s = 1; s <= 5; s++) step(body, c, s, 5);
+        ASSERT_EQ(body.settle(), PLIANT_OK);
+        pliant_state *state = nullptr;
+        pliant_data *copy = nullptr;
+        ASSERT_EQ(pliant_state_create(&state), PLIANT_OK);
+        ASSERT_EQ(pliant_state_save(body.model, body.data, state), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_copy(body.model, body.data, &copy), PLIANT_OK) << pliant_last_error();
+        const int32_t nodes = body.model->body->fine.num_nodes;
+        const std::vector<double> saved(body.data->positions, body.data->positions + 3 * nodes),
+            pressures = pressures_of(body);
+        ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
+        EXPECT_EQ(largest_of(pressures_of(body)), 0);
+        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        EXPECT_GT(farthest(body.data->positions, saved.data(), nodes), 0.002);
+        const int from_rest = body.data->statistics.iterations;
+        ASSERT_EQ(pliant_state_restore(body.model, body.data, state), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pressures_of(body), pressures);
+        for (pliant_data *data : {body.data, copy}) {
+            EXPECT_EQ(pliant_step(body.model, data), PLIANT_OK) << pliant_last_error();
+            EXPECT_STREQ(pliant_data_get_backend(data), "cuda");
+            EXPECT_LT(farthest(data->positions, saved.data(), nodes), 1e-6 * box[0]) << "it is an equilibrium";
+            EXPECT_LT(2 * data->statistics.iterations, from_rest);
+        }
+        pliant_data_free(copy);
+        pliant_state_free(state);
     }
 }
 
@@ -282,10 +407,10 @@ TEST(CudaRun, EveryKernelOnce)
 {
     NEEDS_GPU();
     const int few[3] = {12, 12, 12};
-    for (int number : {1, 3, 5, 6, 7, 8, 10, 11, 13, 14, 16}) {
+    for (int number : {1, 3, 5, 6, 7, 8, 10, 11, 13, 14, 16, 18, 21}) {
         SCOPED_TRACE(number);
         const Case &c = cases[number];
-        Body body(few, box, three, inclusions);
+        Body body(few, box, materials_of(c), inclusions);
         prepare(body, c, PLIANT_CUDA);
         body.cells(2, 2, 2, 2);
         body.scene.solver.iterations = 3;

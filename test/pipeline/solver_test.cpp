@@ -517,18 +517,6 @@ TEST(Solver, NearlyIncompressibleTissueNeedsAtMostTwiceTheEvaluations)
     }
 }
 
-// A GPU has no code for pressures.
-TEST(Solver, NearlyIncompressibleTissueRefusesCuda)
-{
-    Body body(size, box, {{5000, 0.4999, 1000, false}});
-    prepare(body);
-    body.cells(2, 2, 2, 2);
-    body.scene.solver.backend = PLIANT_CUDA;
-    EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
-    EXPECT_NE(std::string(pliant_last_error()).find("poisson_ratio above 0.49 has no GPU code"), std::string::npos)
-        << pliant_last_error();
-}
-
 // A saved state contains the pressures.
 TEST(Solver, NearlyIncompressibleTissueContinuesFromASavedState)
 {

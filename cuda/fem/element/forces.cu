@@ -2,6 +2,7 @@
 #include "cuda/base/launch.h"
 #include "cuda/fem/element/forces.h"
 #include "cuda/fem/element/rotation.cuh"
+#include "cuda/fem/element/volume.cuh"
 #include "fem/element/neo_hookean.h"
 
 enum { ELEMENT_THREADS = 64, GATHER_THREADS = 128, NODES = GATHER_THREADS / 4 };
@@ -75,6 +76,21 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) spread_kernel(gpu_iter
     if (!state.done) spread_forces(iteration, state);
 }
 
+/* Store the change of volume of a tetrahedron, and add the force of its pressure. */
+static __device__ void add_pressures(const gpu_pressures &pressures, pliant_elasticity law, int target, int t,
+                                     const double *f, const double *r, const double *gradients, double *force)
+{
+    const int p = pressures.d_of_element[t];
+    double derivative[9];
+    if (p < 0) return;
+    store_volume(pressures, law, t, f, r, derivative);
+    const double pressure = pressures.d_pressure[target][p], volume = pressures.d_element_volume[t];
+#pragma unroll
+    for (int v = 0; v < 4; v++) add_pressure(pressure, volume, derivative, gradients + 3 * v, force + 3 * v);
+}
+
+/* PRESSED: there are pressures. */
+template <bool PRESSED>
 static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_system system, gpu_iteration iteration)
 {
     const gpu_state &state = *iteration.d_state;
@@ -98,6 +114,7 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
         else
             pliant_corotational_force(f, r, system.d_lame[t], system.d_lame[(size_t)system.tet_stride + t], c.g, force);
     }
+    if (PRESSED) add_pressures(iteration.pressures, system.law, gpu_target(&state), t, f, r, c.g, force);
     double2 *out = reinterpret_cast<double2 *>(iteration.d_element_force + 16 * (size_t)t);
 #pragma unroll
     for (int v = 0; v < 4; v++) {
@@ -224,8 +241,9 @@ pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *
         spread_kernel<<<1, ELEMENT_THREADS, 0, stream>>>(*iteration);
         return CUDA_LAUNCHED("spread_kernel");
     }
-    force_kernel<<<blocks_for(system->num_tets, ELEMENT_THREADS) + 1, ELEMENT_THREADS, 0, stream>>>(*system,
-                                                                                                    *iteration);
+    const unsigned blocks = blocks_for(system->num_tets, ELEMENT_THREADS) + 1;
+    if (iteration->pressures.count > 0) force_kernel<true><<<blocks, ELEMENT_THREADS, 0, stream>>>(*system, *iteration);
+    else force_kernel<false><<<blocks, ELEMENT_THREADS, 0, stream>>>(*system, *iteration);
     return CUDA_LAUNCHED("force_kernel");
 }
 

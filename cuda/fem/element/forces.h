@@ -8,7 +8,8 @@
 /* Return the number of blocks of the gather. Each block has two sums: work of the load, and of the elastic forces. */
 int pliant_cuda_gather_blocks(const gpu_system *system);
 
-/* Compute the element forces of the evaluated iterate, and the tools' forces in d_extra. */
+/* Compute the element forces of the evaluated iterate, including the forces of pressures and the changes of volume on
+ * which they act, and the tools' forces in d_extra. */
 pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream);
 /* Compute d_residual = T' (load + extra - elastic) with T = d_axes, d_right as its copy, and the sums of work in
  * d_sums. The order is fixed. */

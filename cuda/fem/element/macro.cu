@@ -4,6 +4,7 @@
 #include "fem/element/neo_hookean.h"
 #include "cuda/fem/element/macro.h"
 #include "cuda/fem/element/rotation.cuh"
+#include "cuda/fem/element/volume.cuh"
 #include "cuda/fem/solver_state.h"
 #include "cuda/fem/system.h"
 #include "cuda/base/warp_sum.cuh"
@@ -164,7 +165,8 @@ static __device__ void frame_of(const gpu_system &system, const double *x, int c
 }
 
 /* Compute all frames. evaluates: use the evaluated iterate, and compute the additional stresses of the law; otherwise
- * use the present one. */
+ * use the present one. PRESSED: compute the changes of volume as well. */
+template <bool PRESSED>
 static __global__ void __launch_bounds__(FRAMES)
     macro_frame_kernel(gpu_system system, gpu_iteration iteration, bool evaluates)
 {
@@ -174,6 +176,10 @@ static __global__ void __launch_bounds__(FRAMES)
     const gpu_macros &macros = system.macros;
     double f[9];
     frame_of(system, iteration.d_x[evaluates ? gpu_target(&state) : state.now], cube, f, macros.d_frame + cube);
+    if (PRESSED && iteration.pressures.d_of_element[cube] >= 0) {
+        double derivative[9];
+        store_volume(iteration.pressures, system.law, cube, f, macros.d_frame[cube].rotation, derivative);
+    }
     if (!evaluates || !macros.d_law) return;
     const pliant_macro_law law = macros.d_law[cube];
     double addition[9];
@@ -231,7 +237,22 @@ static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system 
     }
 }
 
-/* Compute forces of small cubes: one warp per cube, one lane per unknown, and each row is read once. */
+/* Add the force of a cube's pressure on a corner. */
+static __device__ void add_pressure_of_corner(const gpu_system &system, const gpu_iteration &iteration, int cube,
+                                              int corner, double *force)
+{
+    const gpu_pressures &pressures = iteration.pressures;
+    const int p = pressures.d_of_element[cube];
+    double derivative[9];
+    if (p < 0) return;
+    load_derivative(pressures, cube, derivative);
+    add_pressure(pressures.d_pressure[gpu_target(iteration.d_state)][p], pressures.d_element_volume[cube], derivative,
+                 system.macros.d_gradient + 24 * (size_t)cube + 3 * corner, force);
+}
+
+/* Compute forces of small cubes: one warp per cube, one lane per unknown, and each row is read once. PRESSED: there are
+ * pressures. */
+template <bool PRESSED>
 static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system system, gpu_iteration iteration)
 {
     __shared__ double shared[CUBES][WARP];
@@ -249,6 +270,8 @@ static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system 
         pliant_macro_corner(macros.d_frame + cube, macros.d_held[begin + lane], x + node, system.d_rest + node,
                             q + 3 * lane);
     }
+    double pushed[3] = {0, 0, 0};
+    if (PRESSED && lane < count) add_pressure_of_corner(system, iteration, cube, lane, pushed);
     __syncwarp();
     const double own = lane < n ? q[lane] : 0;
     double force = 0;
@@ -266,7 +289,8 @@ static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system 
     if (macros.d_law) /* the corners are the cube's own nodes */
         pliant_add_product(macros.d_addition + 9 * (size_t)cube, macros.d_gradient + 24 * (size_t)cube + 3 * lane,
                            turned);
-    for (int d = 0; d < 3; d++) iteration.d_element_force[4 * (size_t)(begin + lane) + d] = turned[d];
+    for (int d = 0; d < 3; d++)
+        iteration.d_element_force[4 * (size_t)(begin + lane) + d] = PRESSED ? turned[d] + pushed[d] : turned[d];
 }
 
 static __global__ void __launch_bounds__(FRAMES) macro_rotation_kernel(gpu_system system, gpu_iteration iteration)
@@ -304,7 +328,10 @@ static unsigned blocks_for(int count, int threads) { return (unsigned)((count + 
 static pliant_status find_frames(const gpu_system *system, const gpu_iteration *iteration, bool evaluates,
                                  cudaStream_t stream)
 {
-    macro_frame_kernel<<<blocks_for(system->macros.count, FRAMES), FRAMES, 0, stream>>>(*system, *iteration, evaluates);
+    const unsigned blocks = blocks_for(system->macros.count, FRAMES);
+    if (evaluates && iteration->pressures.count > 0)
+        macro_frame_kernel<true><<<blocks, FRAMES, 0, stream>>>(*system, *iteration, evaluates);
+    else macro_frame_kernel<false><<<blocks, FRAMES, 0, stream>>>(*system, *iteration, evaluates);
     return CUDA_LAUNCHED("macro_frame_kernel");
 }
 
@@ -316,8 +343,13 @@ pliant_status pliant_cuda_macro_frames(const gpu_system *system, const gpu_itera
 pliant_status pliant_cuda_macro_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
 {
     CUDA_TRY(find_frames(system, iteration, true, stream));
+    const unsigned blocks = blocks_for(system->macros.count, CUBES);
+    if (iteration->pressures.count > 0) { /* of hexahedra, which are small */
+        small_force_kernel<true><<<blocks, THREADS, 0, stream>>>(*system, *iteration);
+        return CUDA_LAUNCHED("small_force_kernel");
+    }
     if (is_small(&system->macros)) {
-        small_force_kernel<<<blocks_for(system->macros.count, CUBES), THREADS, 0, stream>>>(*system, *iteration);
+        small_force_kernel<false><<<blocks, THREADS, 0, stream>>>(*system, *iteration);
         return CUDA_LAUNCHED("small_force_kernel");
     }
     macro_force_kernel<<<(unsigned)system->macros.count, THREADS, shared_bytes(&system->macros), stream>>>(*system,

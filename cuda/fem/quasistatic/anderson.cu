@@ -232,7 +232,7 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     if (state.done) return;
     const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = gpu_target(&state),
               now = state.now;
-    const bool looks_back = state.start_is_evaluated && state.iterations == 0;
+    const bool looks_back = gpu_looks_back(&state);
     const int node = (int)(blockIdx.x * NODES) + thread,
               num_sums = SINGLE_SUMS + (looks_back ? 2 : 1) * iteration.capacity;
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * (size_t)node;
@@ -344,6 +344,30 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
             next == PLIANT_NEXT_REST ? iteration.d_rest[x + d] : iteration.d_x[now][x + d] + damping * out[d];
 }
 
+/* The same for a pressure (pliant_pressure_remember and pliant_pressure_propose). */
+static __device__ void propose_pressure(const gpu_iteration &iteration, const gpu_state &state,
+                                        const pliant_anderson &rules, const weighted &list, int p)
+{
+    const gpu_pressures &pressures = iteration.pressures;
+    const size_t count = (size_t)pressures.count;
+    const int now = state.now;
+    if (rules.secant_slot >= 0) {
+        const int from = state.old_now, to = 1 - from;
+        const size_t place = count * (size_t)rules.secant_slot + (size_t)p;
+        pressures.d_secant_pressure[place] = pressures.d_pressure[to][p] - pressures.d_pressure[from][p];
+        pressures.d_secant_step[place] = pressures.d_step[to][p] - pressures.d_step[from][p];
+    }
+    if (rules.next == PLIANT_NEXT_PREVIOUS || state.evaluates_end) return;
+    double step = pressures.d_step[now][p];
+#pragma unroll 4
+    for (int u = 0; u < list.count; u++) {
+        const size_t place = count * (size_t)list.place[u] + (size_t)p;
+        step -= list.weight[u][0] * (pressures.d_secant_pressure[place] + pressures.d_secant_step[place]);
+    }
+    pressures.d_pressure[1 - now][p] =
+        rules.next == PLIANT_NEXT_REST ? 0 : pressures.d_pressure[now][p] + rules.damping * step;
+}
+
 /* Finish a proposal after all blocks are done: test convergence, or continue with the blind step and its end. rules: a
  * copy in shared memory. */
 static __device__ void settle(gpu_state &state, pliant_anderson &rules)
@@ -374,8 +398,9 @@ static __device__ void copy_rules(const pliant_anderson *from, pliant_anderson *
         reinterpret_cast<double *>(to)[n] = reinterpret_cast<const double *>(from)[n];
 }
 
-/* Store the secant and compute the next iterate, one thread per node. */
-static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration iteration)
+/* Store the secant and compute the next iterate, one thread per node. The blocks after node_blocks have one thread per
+ * pressure. */
+static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration iteration, int node_blocks)
 {
     __shared__ double maximum[4][NODES / 32];
     __shared__ weighted list;
@@ -389,7 +414,10 @@ static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration ite
     copy_rules(&state.rules, &rules);
     __syncthreads();
     double squares[4] = {0, 0, 0, 0};
-    if (node < iteration.num_free) {
+    const int pressure = node - node_blocks * NODES;
+    if (pressure >= 0) {
+        if (pressure < iteration.pressures.count) propose_pressure(iteration, state, rules, list, pressure);
+    } else if (node < iteration.num_free) {
         const size_t x = 3 * (size_t)iteration.d_node_of_free[node];
         for (int d = 0; d < 3; d++) {
             double u = iteration.d_x[state.now][x + d] - iteration.d_rest[x + d];
@@ -446,6 +474,8 @@ pliant_status pliant_cuda_complete(const gpu_iteration *iteration, bool known, i
 
 pliant_status pliant_cuda_propose(const gpu_iteration *iteration, cudaStream_t stream)
 {
-    propose_kernel<<<(unsigned)pliant_cuda_dot_blocks(iteration), NODES, 0, stream>>>(*iteration);
+    const int node_blocks = pliant_cuda_dot_blocks(iteration),
+              pressure_blocks = (iteration->pressures.count + NODES - 1) / NODES;
+    propose_kernel<<<(unsigned)(node_blocks + pressure_blocks), NODES, 0, stream>>>(*iteration, node_blocks);
     return CUDA_LAUNCHED("propose_kernel");
 }

@@ -10,7 +10,8 @@ int pliant_cuda_dot_blocks(const gpu_iteration *iteration);
 /* Start a step: copy the host's inputs, set the forces of tools with prescribed force, compute S and its inverse. */
 pliant_status pliant_cuda_begin(const gpu_iteration *iteration, const gpu_step *step, cudaStream_t stream);
 /* Process an evaluation after the preconditioner (d_left). `complete` computes dl, the full dx and K0 dx, and their dot
- * products. `decide` accepts or refuses the state and chooses the next action. `propose` computes the next trial.
+ * products. The step of the pressures follows (pressures.h). `decide` accepts or refuses the state and chooses the next
+ * action. `propose` computes the next trial.
  * @param known          The step's first state was evaluated at the end of the last step: forces, sums and
  *     preconditioned step are available.
  * @param gather_blocks  Result of pliant_cuda_gather_blocks. */

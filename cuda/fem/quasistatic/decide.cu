@@ -1,5 +1,6 @@
 /* Decisions after an evaluation, by one block, on a copy of the state in shared memory. */
 #include "cuda/fem/quasistatic/anderson.h"
+#include "cuda/fem/quasistatic/pressures.h"
 #include "cuda/base/check.h"
 #include "fem/quasistatic/secant_equations.h"
 #include "cuda/base/warp_sum.cuh"
@@ -13,6 +14,7 @@ struct decision {
     gpu_state state;
     gpu_secants secants;
     double sums[DOT_SUMS], work[GATHER_SUMS];
+    double of_pressures; /* part of the pressures in products 1 and 2, which the sums do not contain */
     double new_row[GPU_HISTORY], along[KINDS][GPU_HISTORY];
     pliant_secant_equations equations[KINDS];
 };
@@ -49,6 +51,23 @@ static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks,
     }
 }
 
+/* Add the pressures' part of the products, in the same way. Sums 1 and 2 stay without it: the potential energy has no
+ * such part, and sum 2 is its slope. */
+static __device__ void add_pressures(const gpu_pressures &pressures, int capacity, int blocks, decision &now)
+{
+    const int lane = (int)threadIdx.x % 32, sums = PRESSURE_SECANTS + (gpu_looks_back(&now.state) ? 2 : 1) * capacity;
+    for (int s = (int)threadIdx.x / 32; s < sums; s += DECIDERS / 32) {
+        if (s >= PRESSURE_SECANTS && now.state.rules.number[(s - PRESSURE_SECANTS) % capacity] == 0) continue;
+        double sum = 0;
+#pragma unroll 8
+        for (int b = lane; b < blocks; b += 32) sum += pressures.d_sums[(size_t)blocks * s + b];
+        sum = warp_sum(sum);
+        if (lane > 0) continue;
+        if (s == PRESSURE_NOW) now.of_pressures = sum;
+        else now.sums[s == PRESSURE_OWN ? 0 : s == PRESSURE_PAST ? 4 : SINGLE_SUMS + s - PRESSURE_SECANTS] += sum;
+    }
+}
+
 /* Compute the products of the secant from the present iterate to the evaluated state in new_row. */
 static __device__ void find_products(decision &now)
 {
@@ -57,7 +76,7 @@ static __device__ void find_products(decision &now)
     double *along_trial = now.sums + SINGLE_SUMS;
     for (int a = 0; a < GPU_HISTORY; a++)
         now.new_row[a] = state.rules.number[a] > 0 ? along_trial[a] - state.along[a] : 0;
-    const double own = now.sums[0], by_now = now.sums[1], of_now = now.sums[2];
+    const double own = now.sums[0], by_now = now.sums[1] + now.of_pressures, of_now = now.sums[2] + now.of_pressures;
     now.new_row[place] = own - by_now - of_now + state.energy;
     /* Secant . residual, of the iterate that stays or of the accepted one. */
     state.along[place] = by_now - state.energy;
@@ -170,7 +189,7 @@ template <class T> static __device__ void copy(const T &from, T &to)
 }
 
 static __global__ void __launch_bounds__(DECIDERS)
-    decide_kernel(gpu_iteration iteration, int gather_blocks, int dot_blocks)
+    decide_kernel(gpu_iteration iteration, int gather_blocks, int dot_blocks, int pressure_blocks)
 {
     __shared__ decision now;
     const int thread = (int)threadIdx.x;
@@ -178,8 +197,13 @@ static __global__ void __launch_bounds__(DECIDERS)
     copy(*iteration.d_state, now.state);
     copy(kept, now.secants);
     add_up(iteration, gather_blocks, dot_blocks, now);
+    if (thread == 0) now.of_pressures = 0;
     __syncthreads();
     if (now.state.done) return;
+    if (pressure_blocks > 0) {
+        add_pressures(iteration.pressures, iteration.capacity, pressure_blocks, now);
+        __syncthreads();
+    }
     if (thread == 0) judge(now, iteration.capacity);
     __syncthreads();
     if (now.state.rules.secant_slot >= 0) keep_springs(now, kept);
@@ -198,6 +222,7 @@ static __global__ void __launch_bounds__(DECIDERS)
 
 pliant_status pliant_cuda_decide(const gpu_iteration *iteration, int gather_blocks, cudaStream_t stream)
 {
-    decide_kernel<<<1, DECIDERS, 0, stream>>>(*iteration, gather_blocks, pliant_cuda_dot_blocks(iteration));
+    decide_kernel<<<1, DECIDERS, 0, stream>>>(*iteration, gather_blocks, pliant_cuda_dot_blocks(iteration),
+                                              pliant_cuda_pressure_blocks(&iteration->pressures));
     return CUDA_LAUNCHED("decide_kernel");
 }

@@ -5,6 +5,7 @@
 #include "cuda/fem/element/forces.h"
 #include "cuda/fem/quasistatic/solver.h"
 #include "cuda/fem/quasistatic/contact_kernels.h"
+#include "cuda/fem/quasistatic/pressures.h"
 
 static pliant_status enqueue_look(pliant_cuda_solver *gpu)
 {
@@ -18,6 +19,7 @@ static pliant_status enqueue_judge(const pliant_cuda_solver *gpu, bool known)
 {
     const gpu_iteration *it = &gpu->iteration;
     CUDA_TRY(pliant_cuda_complete(it, known, gpu->gather_blocks, gpu->stream));
+    CUDA_TRY(pliant_cuda_pressure_step(&gpu->system, it, gpu->stream));
     CUDA_TRY(pliant_cuda_decide(it, gpu->gather_blocks, gpu->stream));
     return pliant_cuda_propose(it, gpu->stream);
 }

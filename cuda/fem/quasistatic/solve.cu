@@ -64,6 +64,7 @@ void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
                         it->d_secant_residual, it->d_element_force, it->d_rotations, it->d_axes, it->d_right,
                         it->d_left, it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between);
     for (gpu_tool_arrays &tool : gpu->tools) pliant_cuda_release(tool.d_unknown, tool.d_block, tool.d_response);
+    pliant_cuda_pressures_free(&gpu->iteration.pressures, &gpu->pressure_memory);
     pliant_cuda_release_host(gpu->h_state, gpu->h_solved, gpu->h_newton);
     pliant_cuda_preconditioner_free(&gpu->preconditioner);
     pliant_cuda_system_free(&gpu->system, &gpu->system_capacity);
@@ -93,6 +94,7 @@ pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_s
     pliant_preconditioner_use_rotated(&gpu->in_use);
     gpu->in_use.is_rotated = false; /* restored to the rest axes */
     gpu->in_use.rotation_step = 0;
+    CUDA_TRY(pliant_cuda_pressures_send(&gpu->iteration.pressures, solver, gpu->stream));
     CUDA_TRY(pliant_cuda_solver_begin(gpu, solver));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
@@ -349,12 +351,21 @@ pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double 
     return PLIANT_OK;
 }
 
-pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, const double **h_solved)
+pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu)
 {
-    *h_solved = gpu->h_solved;
+    CUDA_TRY(pliant_cuda_pressures_download(&gpu->iteration.pressures, &gpu->pressure_memory, gpu->h_state->now,
+                                            gpu->stream));
     if (!gpu->h_solved) return PLIANT_OK;
     const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
     return CUDA_CALL(cudaMemcpyAsync(gpu->h_solved, gpu->d_solved, bytes, cudaMemcpyDeviceToHost, gpu->stream));
+}
+
+void pliant_cuda_solver_take(const pliant_cuda_solver *gpu, pliant_solver *solver)
+{
+    if (gpu->h_solved) memcpy(solver->now.x, gpu->h_solved, 3 * (size_t)gpu->system.num_nodes * sizeof(double));
+    if (gpu->iteration.pressures.count > 0)
+        memcpy(solver->now.pressure, gpu->pressure_memory.h_pressure,
+               (size_t)gpu->iteration.pressures.count * sizeof(double));
 }
 
 pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine)

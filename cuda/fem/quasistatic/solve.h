@@ -26,14 +26,16 @@ pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_s
 /* Read the host's node positions. The preconditioner stays unchanged. */
 pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
-/* Run pliant_solver_step on the GPU. The tools' forces and the statistics are copied to the host, positions are not. */
+/* Run pliant_solver_step on the GPU. The tools' forces and the statistics are copied to the host, positions
+ * and pressures are not. */
 pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3],
                                       pliant_statistics *statistics);
 /* Enqueue the upsampling. *d_positions: (fine nodes x 3), valid when the stream has reached this point. */
 pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions);
-/* Enqueue a copy of the solved nodes to the host; NULL if these are the fine nodes. Valid after the stream was
- * synchronized. */
-pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, const double **h_solved);
+/* Enqueue a copy of the state to the host's memory: pressures, and solved nodes unless they are the fine nodes. */
+pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu);
+/* Give this copy to the host's solver. The stream was synchronized. */
+void pliant_cuda_solver_take(const pliant_cuda_solver *gpu, pliant_solver *solver);
 /* Enqueue a replacement of the last upsampling's fine positions (fine nodes x 3). */
 pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine);
 

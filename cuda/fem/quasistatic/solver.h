@@ -5,6 +5,7 @@
 
 #include "cuda/fem/linear/preconditioner.h"
 #include "cuda/fem/quasistatic/solve.h"
+#include "cuda/fem/quasistatic/pressures.h"
 #include "cuda/fem/system.h"
 #include "cuda/fem/quasistatic/contact.h"
 
@@ -27,6 +28,7 @@ struct pliant_cuda_solver {
     gpu_preconditioner preconditioner;
     gpu_refresh *refresh;      /* Nullable: the next preconditioner, in progress in the background */
     gpu_iteration iteration;
+    gpu_pressure_memory pressure_memory;
     size_t capacity[SOLVER_ARRAYS]; /* capacity of its arrays, of d_fine and of d_solved, in bytes */
     double *d_between;              /* work array to carry over axes */
     size_t between_capacity;

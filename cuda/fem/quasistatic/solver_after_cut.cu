@@ -67,5 +67,6 @@ pliant_status pliant_cuda_solver_carry_over_cut(pliant_cuda_solver *gpu, const p
     CUDA_TRY(pliant_cuda_refresh_carry_over_cut(gpu, system->mesh->num_nodes, node));
     pliant_cuda_compliance_discard(&gpu->contacts.blocks);
     CUDA_TRY(pliant_cuda_solver_record(gpu));
+    CUDA_TRY(pliant_cuda_pressures_send(&gpu->iteration.pressures, solver, gpu->stream));
     return pliant_cuda_solver_begin(gpu, solver);
 }

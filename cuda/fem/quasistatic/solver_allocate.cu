@@ -72,6 +72,8 @@ pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solv
         if (before != *arrays[a].d_block || arrays[a].zeroed)
             CUDA_TRY(CUDA_CALL(cudaMemsetAsync(*arrays[a].d_block, 0, gpu->capacity[a], gpu->stream)));
     }
+    CUDA_TRY(pliant_cuda_pressures_set(solver, gpu->system_capacity.grows, gpu->stream, &gpu->iteration.pressures,
+                                       &gpu->pressure_memory));
     if (!system->d_fine_rest || gpu->solved_capacity >= nodes * sizeof(double)) return PLIANT_OK;
     pliant_cuda_release_host(gpu->h_solved);
     gpu->h_solved = nullptr;

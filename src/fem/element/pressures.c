@@ -6,6 +6,7 @@
 #include "fem/element/deformation.h"
 #include "fem/element/hexahedra.h"
 #include "fem/element/macro_element.h"
+#include "fem/element/pressure_rules.h"
 #include "fem/element/rotation.h"
 #include "fem/element/tensors.h"
 #include "mesh/mesh.h"
@@ -227,20 +228,9 @@ static void deformation_of_macro(const pliant_system *system, int32_t element, c
                             macros->rest ? macros->rest : system->mesh->rest, f, &frame);
 }
 
-/* Return tr(R'F) - 3, or J - 1. */
-static double volume_change(const pliant_system *system, const double f[9], const double r[9])
+static void write_rows(const double derivative[9], double volume, int32_t corners, const double *gradient, double *rows)
 {
-    double sum = -3;
-    for (int m = 0; m < 9; m++) sum += r[m] * f[m];
-    return system->law == PLIANT_ELASTICITY_COROTATIONAL ? sum : sum / 3;
-}
-
-static void write_rows(const double r[9], double volume, int32_t corners, const double *gradient, double *rows)
-{
-    for (int32_t v = 0; v < corners; v++)
-        for (int d = 0; d < 3; d++)
-            rows[3 * v + d] = volume * (r[3 * d] * gradient[3 * v] + r[3 * d + 1] * gradient[3 * v + 1] +
-                                        r[3 * d + 2] * gradient[3 * v + 2]);
+    for (int32_t v = 0; v < corners; v++) pliant_volume_row(derivative, volume, gradient + 3 * v, rows + 3 * v);
 }
 
 void pliant_pressures_find(const pliant_pressures *pressures, const pliant_system *system, const double *positions,
@@ -267,7 +257,7 @@ void pliant_pressures_find(const pliant_pressures *pressures, const pliant_syste
             if (pressures->of_element[e] < 0) continue;
             for (int m = 0; m < 9; m++) one[m] = f[m][l], turned[m] = r[m][l];
             for (int m = 0; m < 12 && !system->macros; m++) gradient[m] = system->gradients[first / LANES][m][l];
-            change[e] = volume_change(system, one, turned);
+            change[e] = pliant_volume_change(system->law, one, turned);
             write_rows(turned, pressures->element_volume[e], pliant_element_begin(system, e + 1) - begin,
                        system->macros ? system->macros->gradient + 24 * (size_t)e : gradient,
                        rows + 3 * (size_t)begin);

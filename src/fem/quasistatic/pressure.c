@@ -6,6 +6,7 @@
 
 #include "base/fail.h"
 #include "base/memory.h"
+#include "fem/element/pressure_rules.h"
 
 #include <string.h>
 
@@ -71,7 +72,8 @@ void pliant_pressure_step(pliant_solver *solver, pliant_iterate *at)
         if (p >= 0) at->pressure_step[p] += change / pressures->volume[p];
     }
     for (int32_t p = 0; p < pressures->count; p++)
-        at->pressure_step[p] = pressures->gain[p] * (at->pressure_step[p] - pressures->compliance[p] * at->pressure[p]);
+        at->pressure_step[p] = pliant_pressure_increment(pressures->gain[p], at->pressure_step[p],
+                                                         pressures->compliance[p], at->pressure[p]);
 }
 
 void pliant_pressure_times_volume(const pliant_solver *solver, double *out)
@@ -88,7 +90,7 @@ double pliant_pressure_energy(const pliant_solver *solver, const double *a, cons
     const pliant_pressures *pressures = solver->pressures;
     double sum = 0;
     for (int32_t p = 0; pressures && p < pressures->count; p++)
-        sum += pressures->volume[p] / pressures->gain[p] * a[p] * b[p];
+        sum += pliant_pressure_weight(pressures->volume[p], pressures->gain[p]) * a[p] * b[p];
     return sum;
 }
 

@@ -1,6 +1,6 @@
 /* The simulation state (pliant/state.h). All other data in pliant_data are the model, the topology, or buffers. A
- * GPU step ends with its positions on the host. Therefore one implementation serves both backends: a GPU reads a
- * restored state when it restarts (backend/backend.h). */
+ * GPU step ends with its positions and pressures on the host. Therefore one implementation serves both backends: a GPU
+ * reads a restored state when it restarts (backend/backend.h). */
 #ifndef PLIANT_SIM_STATE_H
 #define PLIANT_SIM_STATE_H
 
