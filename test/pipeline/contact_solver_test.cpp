@@ -33,7 +33,9 @@ struct Cones {
                     matrix[a * rows + b] += fractions[a * inner + k] * fractions[b * inner + k];
             }
         motion = start;
-        return pliant_cones_solve(count, matrix.data(), friction.data(), motion.data(), force.data(), buffer.data());
+        double resistance = PLIANT_CONE_WEAK_RESISTANCE;
+        return pliant_cones_solve(count, matrix.data(), friction.data(), motion.data(), force.data(), &resistance,
+                                  buffer.data());
     }
     void expect_right() const
     {

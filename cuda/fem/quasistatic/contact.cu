@@ -169,7 +169,7 @@ static pliant_status make_work(gpu_contacts *contacts, int32_t slots, int32_t pi
     const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs,
                  back = (rows + rows * rows) * sizeof(double);
     const size_t work =
-        (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + PLIANT_CONE_EQUATIONS) *
+        (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + rows + PLIANT_CONE_EQUATIONS) *
         sizeof(double);
     CUDA_TRY(make_block(contacts, CONTACT_RESULTS, work + back, back));
     CUDA_TRY(
@@ -179,7 +179,8 @@ static pliant_status make_work(gpu_contacts *contacts, int32_t slots, int32_t pi
     view->d_turned = view->d_matrix + rows * rows;
     view->d_pull = view->d_turned + 9 * (size_t)view->num_weights;
     view->d_piece_moved = view->d_pull + 3 * (size_t)slots;
-    view->d_equations = view->d_piece_moved + 6 * (size_t)pieces;
+    view->d_before = view->d_piece_moved + 6 * (size_t)pieces;
+    view->d_equations = view->d_before + rows;
     view->d_change = static_cast<double *>(contacts->d_block[CONTACT_EVALUATION_RESULTS]);
     view->d_found = view->d_change + points;
     view->d_found_motion = view->d_found + points;
@@ -355,12 +356,14 @@ static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, 
 static bool fits_one_block(const gpu_contacts *contacts, const pliant_contact_problem *from)
 {
     const gpu_contact_view *view = &contacts->view;
-    int32_t pressing = view->num_springs;
+    int32_t rubbing = view->num_springs, others = 0;
     for (int32_t c = 0; c < view->count; c++) {
         const double *force = from->taken.force + 3 * (size_t)c;
-        pressing += force[0] != 0 || force[1] != 0 || force[2] != 0;
+        const bool presses = force[0] != 0 || force[1] != 0 || force[2] != 0;
+        rubbing += presses && from->friction[c] != 0;
+        others += presses && from->friction[c] == 0;
     }
-    return 3 * pressing <= PLIANT_CONE_MAX_ROWS && view->count + view->num_springs <= CONTACT_MAX_POINTS;
+    return 3 * rubbing + others <= PLIANT_CONE_MAX_ROWS && view->count + view->num_springs <= CONTACT_MAX_POINTS;
 }
 
 pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)

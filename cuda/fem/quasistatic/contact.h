@@ -28,6 +28,7 @@ typedef struct gpu_contact_view {
     double *d_pull;            /* (3 num_slots) W' dl, in the nodes' axes */
     double *d_change, *d_found, *d_found_motion; /* (3 count) dl; forces and motion of the last evaluated state */
     double *d_motion, *d_matrix; /* rows: 3 (count + num_springs); A */
+    double *d_before;          /* (rows) pliant_cones */
     double *d_equations;       /* work array for data that exceeds shared memory */
     const float *d_column;
     size_t stride;

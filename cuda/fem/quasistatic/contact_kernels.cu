@@ -68,7 +68,6 @@ static __global__ void __launch_bounds__(PAIRS *PAIRS) matrix_kernel(gpu_contact
                 out[3 * r + c] += by[3 * r] * moved[c] + by[3 * r + 1] * moved[3 + c] + by[3 * r + 2] * moved[6 + c];
     }
     if (view.num_moving > 0) answer_pieces(view, a, b, out);
-    for (int d = 0; a == b && d < 3; d++) out[4 * d] *= 1 + PLIANT_CONE_REGULARIZATION;
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) {
             view.d_matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = out[3 * r + c];
@@ -263,6 +262,7 @@ static __device__ pliant_cones place_cones(const gpu_contact_view &view, double 
     on.force = shared + row;
     on.change = shared + 2 * row;
     on.moved = shared + 3 * row;
+    on.before = view.d_before;
     double *friction = shared + 4 * row;
     for (size_t p = threadIdx.x; p < count; p += CONE_THREADS) friction[p] = view.d_friction[p];
     on.friction = friction;
@@ -293,12 +293,14 @@ static __global__ void __launch_bounds__(CONE_THREADS)
     cones_kernel(const gpu_contact_view *d_view, gpu_iteration iteration, int capacity)
 {
     extern __shared__ double shared[];
-    __shared__ double sums[CONE_THREADS / 32];
+    __shared__ double sums[CONE_THREADS / 32], resistance;
     gpu_state &state = *iteration.d_state;
     const gpu_contact_view &view = *d_view;
     if (state.done) return;
     const pliant_team team = {(int)threadIdx.x, CONE_THREADS, sums};
-    const pliant_cones on = place_cones(view, shared, (size_t)capacity / sizeof(double));
+    pliant_cones on = place_cones(view, shared, (size_t)capacity / sizeof(double));
+    on.resistance = &resistance;
+    if (threadIdx.x == 0) resistance = PLIANT_CONE_WEAK_RESISTANCE;
     const int points = 3 * view.count;
     for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) {
         on.motion[i] = view.d_motion[i];

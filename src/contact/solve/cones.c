@@ -78,31 +78,37 @@ static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, doub
 }
 
 PLIANT_VECTORIZED static int32_t solve(int32_t count, const double *matrix, const double *friction, double *motion,
-                                       double *force, double *buffer)
+                                       double *force, double *resistance, double *buffer)
 {
     const size_t row = 3 * (size_t)count;
     const pliant_team team = {.size = 1};
     _Static_assert(sizeof(pliant_cone_point) <= 9 * sizeof(double), "three rows of room a point");
-    double *rest = buffer + 6 * row;
+    double *rest = buffer + 7 * row;
     pliant_cones on = {.count = count,
                        .matrix = matrix,
                        .friction = friction,
                        .motion = motion,
                        .force = force,
+                       .resistance = resistance,
                        .change = buffer,
                        .moved = buffer + row,
-                       .equations = rest + (PLIANT_CONE_BUFFER - 6) * row,
+                       .before = buffer + 6 * row,
+                       .equations = rest + (PLIANT_CONE_BUFFER - 7) * row,
                        .fast_rows = PLIANT_CONE_MAX_ROWS};
     void *points = buffer + 2 * row, *lists = buffer + 5 * row;
     on.point = points;
     on.list = lists;
     on.changing = on.list + count;
     const int32_t found = pliant_cones_run(&team, &on);
-    return found >= 0 ? found : sweep_mixed(&team, &on, rest) - found - 1;
+    if (found >= 0) return found;
+    pliant_cones_begin_round(&team, &on);
+    const int32_t swept = sweep_mixed(&team, &on, rest);
+    pliant_cones_end_round(&team, &on);
+    return swept - found - 1;
 }
 
 int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force,
-                           double *buffer)
+                           double *resistance, double *buffer)
 {
-    return solve(count, matrix, friction, motion, force, buffer);
+    return solve(count, matrix, friction, motion, force, resistance, buffer);
 }

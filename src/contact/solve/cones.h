@@ -12,17 +12,18 @@
 extern "C" {
 #endif
 
-enum { PLIANT_CONE_HISTORY = 8, PLIANT_CONE_BUFFER = 10 + 3 * PLIANT_CONE_HISTORY };
+enum { PLIANT_CONE_HISTORY = 8, PLIANT_CONE_BUFFER = 11 + 3 * PLIANT_CONE_HISTORY };
 
 /* Solve by cone_rules.h. If there are more points than Newton's method allows, use sweeps of projected Gauss-Seidel
  * with Anderson acceleration (anderson.h).
  * @param matrix (3 count x 3 count): A, symmetric positive definite
  * @param friction (count): mu, or PLIANT_CONE_FIXED
  * @param motion, force (3 count): in: v0 and f0; out: v and f
+ * @param resistance regularization, in and out: PLIANT_CONE_WEAK_RESISTANCE at first
  * @param buffer (PLIANT_CONE_BUFFER x 3 count + PLIANT_CONE_EQUATIONS): work array
  * @return number of steps and sweeps */
 int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force,
-                           double *buffer);
+                           double *resistance, double *buffer);
 
 #ifdef __cplusplus
 }

@@ -355,7 +355,6 @@ pliant_status pliant_contact_problem_find_matrix(pliant_solver *solver)
             double block[9];
             compliance_of(contacts, a, b, block);
             if (contacts->pieces) pliant_contact_problem_add_bodies(contacts, a, b, block);
-            for (int d = 0; a == b && d < 3; d++) block[4 * d] *= 1 + PLIANT_CONE_REGULARIZATION;
             for (size_t r = 0; r < 3; r++)
                 for (size_t c = 0; c < 3; c++)
                     contacts->matrix[(3 * (size_t)a + r) * row + 3 * (size_t)b + c] =
@@ -395,11 +394,12 @@ pliant_status pliant_contact_problem_free_step(pliant_solver *solver, pliant_ite
 bool pliant_contact_problem_solve(pliant_contact_problem *contacts, int num_tools)
 {
     const size_t points = 3 * (size_t)contacts->count;
+    double resistance = PLIANT_CONE_WEAK_RESISTANCE;
     memcpy(contacts->force, contacts->taken.force, points * sizeof *contacts->force);
     memset(contacts->force + points, 0, 3 * (size_t)num_tools * sizeof *contacts->force);
     pliant_cones_solve(contacts->count + num_tools, contacts->matrix, contacts->friction, contacts->motion,
-                       contacts->force, contacts->sweeps);
-    pliant_contact_problem_apply_limits(contacts, num_tools);
+                       contacts->force, &resistance, contacts->sweeps);
+    pliant_contact_problem_apply_limits(contacts, num_tools, &resistance);
     memcpy(contacts->found.force, contacts->force, points * sizeof *contacts->force);
     memcpy(contacts->found.motion, contacts->motion, points * sizeof *contacts->motion);
     bool changed = false;

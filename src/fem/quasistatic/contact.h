@@ -141,8 +141,8 @@ double pliant_contact_problem_compliance(const pliant_contact_problem *contacts,
 void pliant_contact_problem_add_bodies(const pliant_contact_problem *contacts, int32_t a, int32_t b, double out[9]);
 /* Keep the loads of all couplings within their limits. A coupling at its limit has the compliance at which its load is
  * the limit, so it pulls with a constant force. Otherwise it has its own compliance. The function updates A and the
- * forces of the last cone solve. */
-void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int num_tools);
+ * forces of the last cone solve. resistance: of cones.h, in and out */
+void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int num_tools, double *resistance);
 /* Return whether a coupling in contact starts the leg near its limit. */
 bool pliant_contact_problem_is_near_limit(const pliant_contact_problem *contacts);
 /* Give all couplings the compliances of the accepted forces again, after a rejected evaluation has changed them. */

@@ -274,13 +274,15 @@ void pliant_contact_problem_restore_couplings(pliant_contact_problem *contacts)
     }
 }
 
-/* One coupling changes at a time, because couplings of tools that press against each other have the same load. */
-void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int num_tools)
+/* One coupling changes at a time, because couplings of tools that press against each other have the same load. Each
+ * coupling that changes allows four more passes. */
+void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int num_tools, double *resistance)
 {
     coupling of[3 * PLIANT_MAX_TOOLS];
     int index[3 * PLIANT_MAX_TOOLS];
     const int count = list_couplings(contacts, of, index);
-    for (int pass = 0, last = -1; pass < 4 * count; pass++) {
+    bool has_changed[3 * PLIANT_MAX_TOOLS] = {false};
+    for (int pass = 0, last = -1, most = 4; pass < most; pass++) {
         const double nearly = 1e-6;
         double maximum = nearly;
         int worst = -1;
@@ -290,11 +292,13 @@ void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int n
             if (error > maximum) maximum = error;
         }
         if (worst < 0) break;
+        if (pass > 0 && !has_changed[worst]) most += 4;
+        has_changed[worst] = true;
         apply_limit(contacts, num_tools, contacts->pieces->limit + index[worst], of + worst, worst == last,
                     contacts->tissue_compliance + index[worst]);
         last = worst;
         pliant_cones_solve(contacts->count + num_tools, contacts->matrix, contacts->friction, contacts->motion,
-                           contacts->force, contacts->sweeps);
+                           contacts->force, resistance, contacts->sweeps);
     }
     for (int n = 0; n < count; n++) contacts->found.compliance[index[n]] = of[n].compliance;
 }
