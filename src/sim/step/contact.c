@@ -8,6 +8,9 @@
 #include "fem/patch/patch.h"
 #include "fem/rigid/rigid_pieces.h"
 #include "sim/step/contact_workspace.h"
+#include "sim/step/legs.h"
+
+#include <math.h>
 
 /* ---- moving parts of this leg */
 
@@ -19,6 +22,14 @@ static double pushed_depth_fraction(const pliant_model *model, const pliant_data
     if (!data->body->has_inertia) return 0;
     const bool is_placed = data->legs->first && data->legs->tool[t].is_placed;
     return is_placed ? 1 : 1 - pliant_contact_remaining_depth_fraction(model, data);
+}
+
+/* Return the distance from a tool's part up to which there are contact points. The coupling of a loaded proxy may
+ * predict a long motion, but the leg ends before. */
+static double margin_of(const pliant_model *model, const pliant_data *data, double max_motion)
+{
+    const double longest = data->tled ? max_motion : 2 * pliant_legs_max_distance(data);
+    return model->contact.search_margin + fmin(max_motion, longest);
 }
 
 static void add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p)
@@ -38,7 +49,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
         .friction = model->scene.contact.friction,
         .guard = pliant_contact_guard(model, data, part),
         .core_offset = pliant_contact_core_offset(part),
-        .margin = model->contact.search_margin + max_motion,
+        .margin = margin_of(model, data, max_motion),
         .shape = &tool->shape,
         .from = *begin,
         .to = *goal,
