@@ -16,10 +16,10 @@ target_link_libraries(rviz_rows PRIVATE ${catkin_LIBRARIES} ${rviz_LIBRARIES} Qt
 set_target_properties(rviz_rows PROPERTIES
   RUNTIME_OUTPUT_DIRECTORY ${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION})
 
-# exit code 77: skipped, with the reason
+# exit code 77: skipped, with the reason. One of them runs at a time, so they start early.
 foreach(name rviz_pictures_test rviz_views_test rviz_pull_test rviz_cut_test)
   add_test(NAME ${name} COMMAND ${CMAKE_COMMAND} -E env PLIANT_SETUP=${CATKIN_DEVEL_PREFIX}/setup.bash
                                 ${CMAKE_CURRENT_LIST_DIR}/rviz_run ${CMAKE_CURRENT_LIST_DIR}/${name}.py)
-  set_tests_properties(${name} PROPERTIES TIMEOUT 400 SKIP_RETURN_CODE 77 RESOURCE_LOCK rviz
+  set_tests_properties(${name} PROPERTIES TIMEOUT 400 SKIP_RETURN_CODE 77 RESOURCE_LOCK rviz COST 200
                        ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1;OMP_WAIT_POLICY=passive")
 endforeach()
