@@ -8,7 +8,6 @@
 #include "fem/patch/patch.h"
 #include "fem/rigid/rigid_pieces.h"
 #include "sim/step/contact_workspace.h"
-#include "sim/step/legs.h"
 
 #include <math.h>
 
@@ -28,7 +27,7 @@ static double pushed_depth_fraction(const pliant_model *model, const pliant_data
  * predict a long motion, but the leg ends before. */
 static double margin_of(const pliant_model *model, const pliant_data *data, double max_motion)
 {
-    const double longest = data->tled ? max_motion : 2 * pliant_legs_max_distance(data);
+    const double longest = data->tled ? max_motion : 2 * pliant_contact_leg_distance(data);
     return model->contact.search_margin + fmin(max_motion, longest);
 }
 

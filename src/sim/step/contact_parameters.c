@@ -44,6 +44,12 @@ static double seconds_of(const pliant_model *model, const pliant_data *data)
     return model->scene.solver.step * data->fraction;
 }
 
+double pliant_contact_leg_distance(const pliant_data *data)
+{
+    const double *cell = data->body->fine.cell_size;
+    return data->model->contact.leg_distance * fmax(fmax(cell[0], cell[1]), cell[2]);
+}
+
 double pliant_contact_max_recovery(const pliant_model *model, const pliant_data *data)
 {
     return model->contact.recovery_speed * seconds_of(model, data);

@@ -128,12 +128,6 @@ static void end_step(pliant_data *data)
 
 /* ---- goals of a leg */
 
-double pliant_legs_max_distance(const pliant_data *data)
-{
-    const double *cell = data->body->fine.cell_size;
-    return data->model->contact.leg_distance * fmax(fmax(cell[0], cell[1]), cell[2]);
-}
-
 /* Explicit dynamics: return where a proxy goes, which is behind the target by the missing depth. The force of the
  * previous leg sets this depth. Shorten the motion as if the tissue's force changed with it; otherwise it overshoots
  * where the tissue is stiffer than the missing compliance. */
@@ -195,8 +189,8 @@ static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
                                   &leg->missing);
         data->tools[t].proxy.missing = leg->missing;
         if (data->tled)
-            pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before, pliant_legs_max_distance(data),
-                                                    leg->yields);
+            pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before,
+                                                    pliant_contact_leg_distance(data), leg->yields);
         leg->behind = data->tled ? pose_behind_target(data->tools + t, leg) : leg->measured;
         leg->from = data->tled ? leg->begin : data->tools[t].proxy.unloaded;
     }
@@ -209,7 +203,7 @@ static double fraction_of(const pliant_model *model, pliant_data *data, int t, b
 {
     const pliant_tool *tool = data->tools + t;
     const pliant_leg_tool *leg = data->legs->tool + t;
-    const double maximum = pliant_legs_max_distance(data);
+    const double maximum = pliant_contact_leg_distance(data);
     if (!tool->present || tool->shape.num_parts == 0) return 1;
     /* A proxy that its load keeps behind its target stays there. */
     double distance = fmin(pliant_tool_max_motion(tool, &leg->from, &leg->measured),
@@ -315,7 +309,7 @@ static void freeze_background(pliant_data *data)
 static double fraction_of_yield(const pliant_data *data, int t, const pliant_proxy_load *load)
 {
     const pliant_leg_tool *leg = data->legs->tool + t;
-    const double maximum = 2 * pliant_legs_max_distance(data),
+    const double maximum = 2 * pliant_contact_leg_distance(data),
                  motion = pliant_tool_max_motion(data->tools + t, &leg->begin, &leg->goal);
     return motion > maximum && (pliant_length3(load->wrench) > 0 || load->jaw != 0) ? maximum / motion : 1;
 }
@@ -373,7 +367,7 @@ static double farthest_of(const pliant_data *data)
  * scaled. */
 static double bound_motion(const pliant_data *data)
 {
-    const double maximum = 2 * pliant_legs_max_distance(data);
+    const double maximum = 2 * pliant_contact_leg_distance(data);
     bool is_pressed = false;
     for (int32_t p = 0; p < data->contacts.count && !is_pressed; p++)
         is_pressed = !is_of_piece(data, data->contacts.point[p].node[0]);

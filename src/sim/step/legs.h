@@ -72,9 +72,6 @@ struct pliant_legs {
 /* The stages from solve to patch, for one leg. */
 typedef pliant_status pliant_solve_stages(const pliant_model *model, pliant_data *data, pliant_status *warning);
 
-/* Return the largest distance of a tool near tissue in one leg [m]. No loaded proxy moves twice as far. */
-double pliant_legs_max_distance(const pliant_data *data);
-
 /* Make all legs of a step.
  * @param completed fraction that the last leg of the previous step made
  * @param solve     called for each leg
