@@ -405,7 +405,8 @@ typedef enum pliant_cone_result {
 PLIANT_INLINE pliant_cone_result pliant_cones_make_round(const pliant_team *team, const pliant_cones *on, int32_t *made)
 {
     const bool is_last = *on->resistance >= PLIANT_CONE_STRONG_RESISTANCE;
-    const int32_t max_steps = is_last ? 60 : 20, max_sweeps = PLIANT_CONE_SWEEPS, max_at_once = 32, first_sweeps = 3;
+    const int32_t max_steps = is_last ? 60 : 30, max_sweeps = is_last ? PLIANT_CONE_SWEEPS : 64, max_at_once = 32,
+                  first_sweeps = 3;
     int32_t steps = 0, sweeps = 0, at_once = 1;
     pliant_cone_result result = PLIANT_CONES_UNSOLVED;
     pliant_cones_begin(team, on);
@@ -432,7 +433,6 @@ PLIANT_INLINE pliant_cone_result pliant_cones_make_round(const pliant_team *team
             result = PLIANT_CONES_SOLVED;
             break;
         }
-        if (!is_last) break; /* the strong resistance makes a step possible */
         if (at_once < max_at_once) at_once *= 2;
         for (int32_t n = 0; n < at_once; n++, sweeps++) pliant_cones_sweep(team, on);
         left = pliant_cones_residual(team, on, 0.0);
