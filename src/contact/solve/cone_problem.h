@@ -21,7 +21,7 @@ enum {
 #define PLIANT_CONE_FIXED (-1.0) /* instead of mu: any force, v = 0 */
 
 /* Regularization: a fraction of A's diagonal resists changes of the forces (proximal point method: Rockafellar, SIAM J.
- * Control Optim. 14:877, 1976). It does not alter a converged solution, where forces do not change.
+ * Control Optim. 14:877, 1976). It does not alter a solution in which forces do not change any more.
  * Points of one triangle are almost linearly dependent, so their individual forces are not determined. Without the
  * first value, such problems converge only to 4e-6 of the forces. Between jaws there are often more points than the
  * nodes can move, and Newton's method fails. Then the second value holds for the rest of the evaluation. */

@@ -24,7 +24,8 @@ static double pushed_depth_fraction(const pliant_model *model, const pliant_data
 }
 
 /* Return the distance from a tool's part up to which there are contact points. The coupling of a loaded proxy may
- * predict a long motion, but the leg ends before. */
+ * predict a long motion, but the leg ends before. If its load vanishes, the leg can be longer, and only the cores of
+ * parts limit it. */
 static double margin_of(const pliant_model *model, const pliant_data *data, double max_motion)
 {
     const double longest = data->tled ? max_motion : 2 * pliant_contact_leg_distance(data);

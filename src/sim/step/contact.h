@@ -89,7 +89,8 @@ void pliant_contact_force_position(const double *positions, const pliant_contact
 /* Return whether a point has a contact force. */
 bool pliant_contact_presses(const pliant_data *data, const pliant_contact_point *point);
 
-/* Return the largest distance of a tool near tissue in one leg [m]. No loaded proxy moves twice as far. */
+/* Return the largest distance of a tool near tissue in one leg [m]. No proxy that is loaded at the end moves twice
+ * as far. */
 double pliant_contact_leg_distance(const pliant_data *data);
 
 #ifdef __cplusplus
