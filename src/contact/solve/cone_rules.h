@@ -54,13 +54,17 @@ PLIANT_INLINE pliant_cone_point *pliant_cone_first(const pliant_cones *on, const
     return on->point + pliant_cone_row(on, blocks, block, 0) / 3;
 }
 
-/* Classify all points. Open points lose their force. List all others, first those with friction. */
+/* Classify all points. Open points lose their force, and points without friction its tangential part. List all others,
+ * first those with friction. */
 PLIANT_INLINE pliant_cone_blocks pliant_cones_classify(const pliant_team *team, const pliant_cones *on)
 {
     for (int32_t p = team->rank; p < on->count; p += team->size) {
         pliant_cone_classify(on, p);
-        for (size_t i = 3 * (size_t)p; i < 3 * (size_t)p + 3; i++)
-            on->change[i] = pliant_cone_presses(on, p) ? 0 : -on->force[i];
+        for (int k = 0; k < 3; k++) {
+            const size_t i = 3 * (size_t)p + (size_t)k;
+            const bool ends = !pliant_cone_presses(on, p) || (k > 0 && on->friction[p] == 0);
+            on->change[i] = ends ? -on->force[i] : 0;
+        }
     }
     pliant_team_wait();
     pliant_cone_blocks blocks;
@@ -167,13 +171,37 @@ PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size
     for (int i = 0; i < 9; i++) out[i] *= by;
 }
 
-/* Divide a pivot's rows by its block, from the next column on. */
-PLIANT_INLINE void pliant_cone_scale_pivot(const pliant_team *team, double size, int32_t column, int32_t width,
-                                           double *pivot)
+/* Invert a block of three points' normals. Three points can depend on others or on each other, so the determinant can
+ * be as small as the cube of the resistance. Gauss-Jordan elimination keeps its digits: no pivot is below the
+ * resistance, because A has no negative eigenvalue. */
+PLIANT_INLINE void pliant_cone_invert_normals(const double *m, size_t width, double out[9])
 {
-    const int32_t first = column + 3 + team->rank;
+    PLIANT_UNROLL
+    for (int i = 0; i < 9; i++) out[i] = m[(size_t)(i / 3) * width + (size_t)(i % 3)];
+    PLIANT_UNROLL
+    for (int p = 0; p < 3; p++) {
+        const double by = out[4 * p] != 0 ? 1 / out[4 * p] : 0.0;
+        PLIANT_UNROLL
+        for (int c = 0; c < 3; c++) out[3 * p + c] = c == p ? by : by * out[3 * p + c];
+        PLIANT_UNROLL
+        for (int r = 0; r < 3; r++) {
+            const double of = out[3 * r + p];
+            PLIANT_UNROLL
+            for (int c = 0; c < 3 && r != p; c++) out[3 * r + c] = (c == p ? 0 : out[3 * r + c]) - of * out[3 * p + c];
+        }
+    }
+}
+
+/* Divide a pivot's rows by its block, from the next column on. */
+PLIANT_INLINE void pliant_cone_scale_pivot(const pliant_team *team, const pliant_cones *on,
+                                           const pliant_cone_blocks *blocks, int32_t p, int32_t width, double *pivot)
+{
+    const int32_t column = 3 * p, first = column + 3 + team->rank;
     double inverse[9], *second = pivot + width, *third = second + width;
-    if (first < width) pliant_cone_invert(pivot + column, (size_t)width, size, inverse);
+    if (first < width && p < blocks->rubbing)
+        pliant_cone_invert(pivot + column, (size_t)width, pliant_cone_first(on, blocks, p)->size, inverse);
+    else if (first < width)
+        pliant_cone_invert_normals(pivot + column, (size_t)width, inverse);
     for (int32_t k = first; k < width; k += team->size) {
         const double a = pivot[k], b = second[k], c = third[k];
         pivot[k] = inverse[0] * a + inverse[1] * b + inverse[2] * c;
@@ -217,7 +245,7 @@ PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_
 #endif
     for (int32_t p = 0; p < count; p++) {
         double *const pivot = all + 3 * (size_t)p * (size_t)width;
-        pliant_cone_scale_pivot(team, pliant_cone_first(on, blocks, p)->size, 3 * p, width, pivot);
+        pliant_cone_scale_pivot(team, on, blocks, p, width, pivot);
         for (int32_t i = first; i < count; i += step)
             if (i != p)
                 pliant_cone_eliminate_rows(pivot, 3 * p, width, 3 * p + 3 + lane, lanes,
@@ -415,9 +443,10 @@ PLIANT_INLINE pliant_cone_result pliant_cones_make_round(const pliant_team *team
         for (; sweeps < first_sweeps; sweeps++) pliant_cones_sweep(team, on);
         left = pliant_cones_residual(team, on, 0.0);
     }
-    while (steps < max_steps && sweeps < max_sweeps) {
+    for (;;) {
         const double size = pliant_cones_squared_force(team, on);
         bool ends = left <= PLIANT_CONE_EXACT * PLIANT_CONE_EXACT * size;
+        if (!ends && (steps >= max_steps || sweeps >= max_sweeps)) break;
         if (!ends) {
             bool leads;
             if (!pliant_cones_step(team, on, &left, &steps, &leads)) {
