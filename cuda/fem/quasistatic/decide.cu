@@ -109,7 +109,7 @@ static __device__ void judge(decision &now, int capacity)
     if (state.evaluates_end) state.evaluated = pliant_anderson_judge_end(&rules, merit);
     else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, left);
     if (rules.next == PLIANT_NEXT_PREVIOUS) state.restored_previous = 1;
-    state.was_accepted = state.evaluates_end ? state.evaluated : rules.accepts_state || first;
+    state.was_accepted = !state.evaluates_end && (rules.accepts_state || first); /* the state's contact forces */
     state.iterations = rules.evaluations;
     state.skips = 0;
     state.last_target = target;

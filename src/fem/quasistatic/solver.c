@@ -192,7 +192,8 @@ static pliant_status iterate(pliant_solver *solver, pliant_known known, step_tim
     return PLIANT_OK;
 }
 
-/* Evaluate the end of a blind step as a trial from its start. */
+/* Evaluate the end of a blind step as a trial from its start. The contact forces stay those that moved tissue and
+ * proxies to this end; the new ones belong to a step that is not taken. */
 static bool evaluate_end(pliant_solver *solver)
 {
     double *x = solver->now.x;
@@ -206,7 +207,6 @@ static bool evaluate_end(pliant_solver *solver)
     if (solver->rules.secant_slot >= 0)
         pliant_solver_store_secant(solver, solver->rules.secant_slot, &solver->now, &solver->trial);
     swap_iterates(solver);
-    if (good && pliant_contact_problem_has_points(solver->contacts)) pliant_contact_problem_accept(solver->contacts);
     if (good) solver->rules.error = pliant_anderson_error(pliant_secants_error(solver, &solver->now));
     return good;
 }

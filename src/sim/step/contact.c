@@ -23,15 +23,6 @@ static double pushed_depth_fraction(const pliant_model *model, const pliant_data
     return is_placed ? 1 : 1 - pliant_contact_remaining_depth_fraction(model, data);
 }
 
-/* Return the distance from a tool's part up to which there are contact points. The coupling of a loaded proxy may
- * predict a long motion, but the leg ends before. If its load vanishes, the leg can be longer, and only the cores of
- * parts limit it. */
-static double margin_of(const pliant_model *model, const pliant_data *data, double max_motion)
-{
-    const double longest = data->tled ? max_motion : 2 * pliant_contact_leg_distance(data);
-    return model->contact.search_margin + fmin(max_motion, longest);
-}
-
 static void add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p)
 {
     pliant_contact_search *search = data->contact_search;
@@ -49,7 +40,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
         .friction = model->scene.contact.friction,
         .guard = pliant_contact_guard(model, data, part),
         .core_offset = pliant_contact_core_offset(part),
-        .margin = margin_of(model, data, max_motion),
+        .margin = model->contact.search_margin + max_motion,
         .shape = &tool->shape,
         .from = *begin,
         .to = *goal,

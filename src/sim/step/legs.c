@@ -156,9 +156,11 @@ static void smooth_missing_compliance(double follow, double before, pliant_missi
     missing->jaw_compliance *= ratio;
 }
 
-/* Linearize the coupling of a tool for a goal, with the compliances that this leg adds. */
+/* Linearize the coupling of a tool for a goal, with the compliances that this leg adds. longest: maximum predicted
+ * motion [m] */
 static void linearize(const pliant_model *model, const pliant_data *data, int t, const pliant_tool_pose *goal,
-                      pliant_tool_pose *ahead, pliant_contact_body couple[2], pliant_touch_limit limit[3])
+                      double longest, pliant_tool_pose *ahead, pliant_contact_body couple[2],
+                      pliant_touch_limit limit[3])
 {
     const pliant_leg_tool *leg = data->legs->tool + t;
     double added[2] = {leg->piece_compliance[0], leg->piece_compliance[1]};
@@ -166,8 +168,14 @@ static void linearize(const pliant_model *model, const pliant_data *data, int t,
         added[0] += leg->missing.compliance;
         added[1] += leg->missing.jaw_compliance;
     }
-    pliant_proxy_linearize(model, data->tools + t, &leg->begin, goal, &leg->before, added, leg->yields, ahead, couple,
-                           limit);
+    pliant_proxy_linearize(model, data->tools + t, &leg->begin, goal, &leg->before, added, leg->yields, longest,
+                           ahead, couple, limit);
+}
+
+/* Return the maximum motion of a loaded proxy in a leg [m]. */
+static double longest_of(const pliant_data *data)
+{
+    return data->tled ? INFINITY : 2 * pliant_contact_leg_distance(data);
 }
 
 /* Save the proxies' poses and loads at the start of a leg. In explicit dynamics, the load is the mean over about one
@@ -212,7 +220,7 @@ static double fraction_of(const pliant_model *model, pliant_data *data, int t, b
         pliant_contact_body couple[2];
         pliant_touch_limit limit[3];
         pliant_tool_pose ahead;
-        linearize(model, data, t, &leg->measured, &ahead, couple, limit);
+        linearize(model, data, t, &leg->measured, INFINITY, &ahead, couple, limit);
         distance = pliant_tool_max_motion(tool, &leg->begin, &ahead);
     }
     return distance > maximum && pliant_contact_is_near(data, tool, &leg->begin, &leg->measured) ? maximum / distance
@@ -270,21 +278,39 @@ static double limit_speed(const pliant_model *model, const pliant_data *data, co
     return distance > maximum ? maximum / distance : 1;
 }
 
-/* Set the goals of all proxies for this leg, move the tools to the predicted poses, and move the grasp targets
- * along with the goals. */
+/* Hold a proxy in this leg: it stays at its pose with its load, so its coupling has no compliance and no limit. */
+static void hold_proxy(pliant_data *data, int t)
+{
+    pliant_leg_tool *leg = data->legs->tool + t;
+    leg->ahead = leg->goal = leg->begin;
+    leg->unloaded = leg->from;
+    memset(data->legs->proxy + 2 * t, 0, 2 * sizeof *data->legs->proxy);
+    for (int k = 0; k < 3; k++) data->legs->limit[3 * t + k] = (pliant_touch_limit){.load = INFINITY};
+}
+
+/* Set the goal of a proxy for a fraction of its remaining motion. */
+static void set_goal(const pliant_model *model, pliant_data *data, int t, double fraction)
+{
+    pliant_leg_tool *leg = data->legs->tool + t;
+    const double own = is_dynamic(data) ? fraction * limit_speed(model, data, data->tools + t, leg, fraction)
+                                        : fmin(fraction, fraction_of(model, data, t, false));
+    leg->goal = leg->unloaded = pliant_tool_pose_between(&leg->from, &leg->behind, own);
+    for (int k = 0; k < 3; k++) leg->yields[k] *= data->fraction; /* as far in a step, however many legs it has */
+    linearize(model, data, t, &leg->goal, longest_of(data), &leg->ahead, data->legs->proxy + 2 * t,
+              data->legs->limit + 3 * t);
+    if (data->tled) leg->goal = leg->ahead;
+}
+
+/* Set the goals of all proxies for this leg, or hold the proxies. Move the tools to the predicted poses, and the grasp
+ * targets along with the goals. */
 static void set_goals(const pliant_model *model, pliant_data *data, double fraction)
 {
-    const bool dynamic = is_dynamic(data);
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = data->tools + t;
-        pliant_leg_tool *leg = data->legs->tool + t;
+        const pliant_leg_tool *leg = data->legs->tool + t;
         pliant_grasp_constraint *grasp = grasp_constraint_of(data, t);
-        const double own = dynamic ? fraction * limit_speed(model, data, tool, leg, fraction)
-                                   : fmin(fraction, fraction_of(model, data, t, false));
-        leg->goal = leg->unloaded = pliant_tool_pose_between(&leg->from, &leg->behind, own);
-        for (int k = 0; k < 3; k++) leg->yields[k] *= data->fraction; /* as far in a step, however many legs it has */
-        linearize(model, data, t, &leg->goal, &leg->ahead, data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
-        if (data->tled) leg->goal = leg->ahead;
+        if (data->legs->holds_proxies) hold_proxy(data, t);
+        else set_goal(model, data, t, fraction);
         memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
         memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);
         tool->jaw = leg->ahead.jaw;
@@ -309,7 +335,7 @@ static void freeze_background(pliant_data *data)
 static double fraction_of_yield(const pliant_data *data, int t, const pliant_proxy_load *load)
 {
     const pliant_leg_tool *leg = data->legs->tool + t;
-    const double maximum = 2 * pliant_contact_leg_distance(data),
+    const double maximum = longest_of(data),
                  motion = pliant_tool_max_motion(data->tools + t, &leg->begin, &leg->goal);
     return motion > maximum && (pliant_length3(load->wrench) > 0 || load->jaw != 0) ? maximum / motion : 1;
 }
@@ -329,7 +355,8 @@ static double update_loads(const pliant_model *model, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = data->tools + t;
         pliant_leg_tool *leg = data->legs->tool + t;
-        if (!tool->present || tool->shape.num_parts == 0) continue;
+        if (data->legs->holds_proxies) leg->after = leg->before;
+        if (!tool->present || tool->shape.num_parts == 0 || data->legs->holds_proxies) continue;
         pliant_proxy_find_load(data, t, &leg->ahead, &leg->after);
         if (data->tled) {
             mix_load(&leg->after, data->fraction, &leg->before);
@@ -537,11 +564,13 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_contact, begin_leg);
     if (status != PLIANT_OK) return status;
     const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
-    /* after a leg without progress, the tissue alone moves */
+    /* After a leg without progress, the tissue alone moves. The parts are at rest then, so planes keep it out of them
+     * exactly. */
     const bool holds = !is_dynamic(data) && budget->completed < PLIANT_ADVANCE_MIN_PROGRESS;
+    data->legs->holds_proxies = holds;
     data->fraction = fraction * budget->left;
     if (!budget->first) freeze_background(data);
-    set_goals(model, data, holds ? 0 : fraction);
+    set_goals(model, data, fraction);
     data->legs->blocked = budget->completed < 1;
     data->legs->use_plane_constraints = data->legs->use_plane_constraints || data->legs->blocked;
     pliant_patch_suspend(data, data->legs->blocked);
@@ -617,6 +646,7 @@ pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data)
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
     pliant_status status = begin_step(model, data);
     data->legs->first = true;
+    data->legs->holds_proxies = false;
     if (status == PLIANT_OK) status = begin_leg(model, data);
     if (status != PLIANT_OK) return status;
     set_goals(model, data, 1);

@@ -54,6 +54,7 @@ struct pliant_legs {
     pliant_node_loads node_loads;    /* buffer */
     bool first;                      /* this is the first leg of the step */
     bool blocked;                  /* the previous leg was blocked */
+    bool holds_proxies;            /* tools do not move in this leg */
     bool limited_by_elements;      /* the volume bound shortened this leg */
     bool use_plane_constraints; /* a leg of this step, or the last leg of the previous one, was blocked */
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */

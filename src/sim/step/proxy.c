@@ -153,8 +153,8 @@ static void turn_between(const double from[4], const double to[4], double turn[3
 
 void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
                             const pliant_tool_pose *goal, const pliant_proxy_load *before, const double added[2],
-                            const double yields[3], pliant_tool_pose *ahead, pliant_contact_body out[2],
-                            pliant_touch_limit limit[3])
+                            const double yields[3], double longest, pliant_tool_pose *ahead,
+                            pliant_contact_body out[2], pliant_touch_limit limit[3])
 {
     const pliant_scene *scene = &model->scene;
     const double maximum = scene->contact.max_force, lever = maximum * fmax(reach_of(tool), min_lever),
@@ -182,6 +182,8 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) out[1].compliance[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
     *ahead = pliant_proxy_pose_under_load(tool, goal, out, before);
+    const double motion = pliant_tool_max_motion(tool, begin, ahead);
+    if (motion > longest) *ahead = pliant_tool_pose_between(begin, ahead, longest / motion);
     memcpy(out[0].centre, ahead->tip, sizeof out[0].centre);
     for (int d = 0; d < 3; d++) out[0].free[d] = goal->tip[d] - ahead->tip[d];
     turn_between(ahead->rotation, goal->rotation, out[0].free + 3);

@@ -25,18 +25,19 @@ void pliant_tool_joint(const pliant_tool *tool, const pliant_tool_pose *pose, do
 /* Compute the load on a proxy at a pose, from the forces of the contact points. */
 void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool_pose *pose, pliant_proxy_load *out);
 /* Linearize the coupling for one leg: of the tool about its tip, and of the jaws about their joint. The
- * linearization point is where the coupling yields to the load of the previous leg. Near a force limit the coupling
+ * linearization point is where the coupling yields to the load of the previous leg, or before it. Near a force limit the coupling
  * is softened, so that its load stays below the limit. The limits are contact/max_force at the tip, the same force
  * at the tool's farthest point, and contact/grip_torque.
  * The added compliance is the sum of pliant_proxy_compliance and pliant_missing_compliance.
  * @param goal desired pose at the end of the leg
  * @param yields pliant_proxy_estimate_tissue_compliance; 0: unknown
+ * @param longest maximum distance of the linearization point from `begin`, as the tool's points move [m]
  * @param ahead out: the pose at the linearization point
  * @param limit out: limits of force, torque, and jaws, which the solver on the CPU keeps exactly */
 void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
                             const pliant_tool_pose *goal, const pliant_proxy_load *before,
-                            const double added[2], const double yields[3], pliant_tool_pose *ahead,
-                            pliant_contact_body out[2], pliant_touch_limit limit[3]);
+                            const double added[2], const double yields[3], double longest,
+                            pliant_tool_pose *ahead, pliant_contact_body out[2], pliant_touch_limit limit[3]);
 /* Explicit dynamics: estimate the compliance of the tissue against a proxy, for force, torque, and jaws
  * [m/N, rad/(N m)]. It is the pressed points' displacement per load.
  * @param farthest the displacement counts up to this distance [m] */
