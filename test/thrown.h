@@ -17,6 +17,7 @@ struct Throw {
     double friction, restitution, slope /* [rad] of ground and plane */, young;
     unsigned seed; // 0: straight down
     double safety = 0.9; // fraction of the stable sub-step
+    double poisson = 0.3;
 };
 
 inline std::string name_of(const Throw &with)
@@ -38,7 +39,8 @@ struct ThrownCube : Body {
     explicit ThrownCube(const Throw &thrown)
         : Body(std::vector<int>{3, 3, layers(thrown)}.data(),
                std::vector<double>{3 * h, 3 * h, layers(thrown) * h}.data(),
-               {{thrown.young, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k == 3; }),
+               {{thrown.young, thrown.poisson, 1000, false}, {1, 0.3, 1, true}},
+               [](int, int, int k) { return k == 3; }),
           with(thrown)
     {
         cells(3, 3, layers(with), 1);

@@ -1,5 +1,5 @@
 /* Stages of explicit dynamics on the CPU, and the parts that other backends leave to the host. */
-#include "fem/dynamics/tled.h"
+#include "fem/dynamics/tled_pressure.h"
 
 #include "backend/backend.h"
 #include "backend/explicit_statistics.h"
@@ -34,7 +34,8 @@ static pliant_status carry_over_cut(const pliant_model *model, const pliant_data
     pliant_status status = create(model, next);
     if (status != PLIANT_OK) return status;
     pliant_tled_carry(next->tled, data->tled, map);
-    return pliant_tled_conserve(next->tled, data->tled, data->discretization->body, next->discretization->body);
+    status = pliant_tled_conserve(next->tled, data->tled, data->discretization->body, next->discretization->body);
+    return status == PLIANT_OK ? pliant_tled_pressure_carry(next->tled, data->tled) : status;
 }
 
 static pliant_status reset(pliant_data *data)

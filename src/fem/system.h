@@ -401,6 +401,8 @@ pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor
 /* Analyze the pattern. order: Nullable: (num_columns) elimination order of the columns; NULL: CHOLMOD chooses an
  * order. */
 pliant_status pliant_factor_analyze_in(const pliant_pattern *pattern, const int32_t *order, pliant_factor **out);
+/* Analyze a scalar matrix: its lower triangle in compressed columns, rows ascending. Errors: MEMORY, SCENE. */
+pliant_status pliant_factor_analyze_scalar(int32_t size, const int *column_start, const int *row, pliant_factor **out);
 /* Write the elimination order (num_columns) and return the number of columns. */
 int32_t pliant_factor_order(const pliant_factor *factor, int32_t *order);
 /* Use double precision, beginning with the next numeric factorization. */

@@ -2,7 +2,8 @@
 // kinetic, elastic and gravity energy, minus the work of a tool.
 //
 // Usage:
-//   bench_energy [seeds [safety]]     seeds: for each kind of throw, default 200. safety: tled/safety, default 0.9
+//   bench_energy [seeds [safety [nu]]]     seeds: for each kind of throw, default 200. safety: tled/safety, default
+//                                          0.9. nu: Poisson's ratio, default 0.3
 #include "../thrown.h"
 #include "figure.h"
 
@@ -16,6 +17,7 @@ int main(int argc, char **argv)
     unsigned worst = 0;
     for (Throw with : all_throws(seeds, {3e3, 10e3})) {
         if (argc > 2) with.safety = std::atof(argv[2]);
+        if (argc > 3) with.poisson = std::atof(argv[3]);
         const double ratio = energy_ratio(with);
         if (ratio > maximum) worst = with.seed;
         maximum = std::fmax(maximum, ratio);

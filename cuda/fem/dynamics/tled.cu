@@ -173,6 +173,10 @@ static pliant_status fill(pliant_cuda_tled *gpu, const pliant_tled *tled)
 
 pliant_status pliant_cuda_tled_create(pliant_tled *tled, int device, pliant_cuda_tled **out)
 {
+    if (tled->pressure_of_groups)
+        return pliant_fail(PLIANT_ERROR_UNAVAILABLE,
+                           "solver/backend: with solver/kind tled, a GPU computes no tissue with a poisson_ratio above "
+                           "0.49 in the material table; use cpu");
     pliant_cuda_tled *gpu = static_cast<pliant_cuda_tled *>(pliant_calloc(1, sizeof *gpu));
     if (!gpu) return pliant_fail_memory("the dynamics");
     gpu->system = tled->system;

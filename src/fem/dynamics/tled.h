@@ -32,6 +32,17 @@ extern "C" {
 
 enum { PLIANT_PRONY_TERMS = 3, PLIANT_CHUNK = 256 /* nodes whose sums are computed together */ };
 
+/* Coefficients of d+ = A (R - F) + kept d, with A = factor / M. */
+typedef struct pliant_tled_scheme { double factor, kept; } pliant_tled_scheme;
+static inline pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha)
+{
+    const double inertia = 1 / (dt * dt), drag = alpha / (2 * dt);
+    pliant_tled_scheme out;
+    out.factor = 1 / (inertia + drag);
+    out.kept = (inertia - drag) / (inertia + drag);
+    return out;
+}
+
 /* Results of a step over the nodes of a chunk. Products are weighted by mass.
  * - RESIDUAL, LOAD: sums of squares.
  * - INERTIA, STIFFNESS: in dynamic relaxation, products of the last increment with itself and with its change of force.
@@ -52,6 +63,8 @@ typedef struct pliant_thread_choice {
 } pliant_thread_choice;
 
 typedef struct pliant_tled_cubes pliant_tled_cubes;
+typedef struct pliant_tled_groups pliant_tled_groups;
+typedef struct pliant_tled_pressure pliant_tled_pressure;
 
 /* Constant data of the time integration. */
 struct pliant_tled_system {
@@ -76,6 +89,7 @@ struct pliant_tled_system {
 
     /* HEXAHEDRA (element/kind), after the tetrahedra, which then fill only incomplete cubes: tled_cubes.h. */
     pliant_tled_cubes *cubes;               /* NULL: all elements are tetrahedra */
+    pliant_tled_groups *groups; /* NULL: no nearly incompressible tissue has pressures (tled_pressure.h) */
 
     /* NODES */
     int32_t *corner_start;                  /* (num_nodes + 1) */
@@ -130,6 +144,7 @@ struct pliant_tled {
     /* State at the start of the frame or of the current part. A backend stores its results here as well. */
     double *start_u, *start_d;
     float (*start_memory)[6 * PLIANT_PRONY_TERMS][LANES];
+    pliant_tled_pressure *pressure_of_groups; /* NULL: as the system's groups */
     double target[PLIANT_MAX_TOOLS][3];     /* present targets of the held points [m] */
     double start_target[PLIANT_MAX_TOOLS][3];
     double previous_point[PLIANT_MAX_TOOLS][3];  /* positions of held points before the last sub-step [m] */
@@ -226,9 +241,6 @@ void pliant_tled_set_positions(pliant_tled *tled, const double *positions);
  * means since the start of the frame, contact forces are means of the part. */
 pliant_status pliant_tled_step(pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_statistics *statistics);
 
-/* Coefficients of d+ = A (R - F) + kept d, with A = factor / M. */
-typedef struct pliant_tled_scheme { double factor, kept; } pliant_tled_scheme;
-pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha);
 /* Return the reported residual. residual: PLIANT_SUM_RESIDUAL; load: PLIANT_SUM_LOAD including the tools' load. */
 double pliant_tled_relative(const pliant_tled *tled, double residual, double load);
 /* Return the reported error: the mean of PLIANT_SUM_ERROR_BEFORE and PLIANT_SUM_ERROR. One of them alone can be small

@@ -4,6 +4,8 @@
  * neighbours, whose detached voxels can move with it. No cut can break this bound. */
 #include "base/fail.h"
 #include "fem/dynamics/tled_cubes.h"
+#include "fem/dynamics/tled_pressure.h"
+#include "fem/element/pressures.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
 
@@ -33,10 +35,10 @@ static double stable_step(double density, double largest, double largest_shear, 
     return density / (slow + sqrt(slow * slow + largest * density));
 }
 
-static void take(pliant_tled_system *system, const double gradients[12], double edge,
+static void take(pliant_tled_system *system, const double gradients[12], double edge, double lambda,
                  const pliant_tet_material *material)
 {
-    const double lambda = material->lambda, mu = material->mu * system->stiffening, density = material->density;
+    const double mu = material->mu * system->stiffening, density = material->density;
     if (!(density > 0)) return;
     /* [C] 1 with rho c^2 = E (1 - nu) / ((1 + nu) (1 - 2 nu)) = lambda + 2 mu */
     system->edge_bound = fmin(system->edge_bound, edge * sqrt(density / (lambda + 2 * mu)));
@@ -71,13 +73,14 @@ static uint64_t *materials_around(const pliant_voxels *voxels)
 /* Include the hexahedra: an eighth of their mass is at each corner. */
 static void take_cubes(const pliant_body *body, pliant_tled_system *system)
 {
+    const pliant_tet_material *material = system->groups ? system->groups->soft : body->fine_material;
     for (int32_t c = 0; c < system->cubes->count; c++) {
         const pliant_cube *cube = system->cubes->cube + c;
         double size[3], lambda, mu, density;
         bool moves = false;
         pliant_tled_cube_size(system->mesh, system->cubes, c, size);
         const double edge = fmin(size[0], fmin(size[1], size[2]));
-        pliant_tled_cube_mean(system->mesh, cube, body->fine_material, &lambda, &mu, &density);
+        pliant_tled_cube_mean(system->mesh, cube, material, &lambda, &mu, &density);
         mu *= system->stiffening;
         for (int v = 0; v < 8; v++) moves = moves || !body->fine_fixed[cube->node[v]];
         if (!moves || !(density > 0)) continue;
@@ -89,10 +92,18 @@ static void take_cubes(const pliant_body *body, pliant_tled_system *system)
     }
 }
 
+/* Return the lambda of a fragment's stiffness, from one of its materials. Pressures leave it at most PLIANT_SOFT_RATIO
+ * times the mean mu, which can be more than the mean of the voxels' own values. */
+static double fragment_lambda(const pliant_tled_system *system, const pliant_tet_material *material)
+{
+    return system->groups && material->tissue > 0 ? PLIANT_SOFT_RATIO * material->mu : material->lambda;
+}
+
 pliant_status pliant_tled_find_bounds(const pliant_body *body, pliant_tled_system *system)
 {
     const pliant_mesh *mesh = system->mesh;
     const pliant_voxels *voxels = body->voxels;
+    const pliant_tet_material *material = system->groups ? system->groups->soft : body->fine_material;
     uint64_t *around = NULL;
     if (voxels && !(around = materials_around(voxels))) return pliant_fail_memory("the bounds of the time step");
     system->edge_bound = system->eigenvalue_bound = INFINITY;
@@ -105,9 +116,12 @@ pliant_status pliant_tled_find_bounds(const pliant_body *body, pliant_tled_syste
             continue;
         const double edge = pliant_tled_shortest_edge(mesh, nodes);
         pliant_mesh_gradients(mesh, t, gradients);
-        take(system, gradients, edge, body->fine_material + t);
-        for (int32_t m = 0; voxels && t < voxels->num_tets && m < voxels->num_materials; m++)
-            if (around[4 * t + m / 64] >> m % 64 & 1) take(system, gradients, edge, voxels->of_material + m);
+        take(system, gradients, edge, material[t].lambda, material + t);
+        for (int32_t m = 0; voxels && t < voxels->num_tets && m < voxels->num_materials; m++) {
+            const pliant_tet_material *part = voxels->of_material + m;
+            if (around[4 * t + m / 64] >> m % 64 & 1)
+                take(system, gradients, edge, fragment_lambda(system, part), part);
+        }
     }
     if (system->cubes) take_cubes(body, system);
     pliant_free(around);

@@ -4,6 +4,7 @@
 #include "base/threads.h"
 #include "fem/dynamics/loss_factor.h"
 #include "fem/dynamics/tled_cubes.h"
+#include "fem/dynamics/tled_pressure.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
 
@@ -209,11 +210,15 @@ pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_
     if (status != PLIANT_OK) goto failed;
     system->mesh = mesh;
     if ((status = set_options(system, scene)) != PLIANT_OK) goto failed;
+    if (pliant_tled_has_pressures(system, body, before) &&
+        (status = pliant_tled_groups_create(body, &system->groups)) != PLIANT_OK)
+        goto failed;
+    const pliant_tet_material *material = system->groups ? system->groups->soft : body->fine_material;
     if (scene->element.kind == PLIANT_HEXAHEDRA) {
         double relaxed = 0;
         for (int term = 0; term < system->num_prony; term++) relaxed += system->prony_share[term];
-        status = pliant_tled_cubes_create(mesh, body->fine_material, system->law, relaxed, system->stiffening,
-                                          &system->cubes);
+        status = pliant_tled_cubes_create(mesh, material, body->fine_material, system->law, relaxed,
+                                          system->stiffening, &system->cubes);
         if (status != PLIANT_OK) goto failed;
     }
     system->num_blocks = (num_own(system) + LANES - 1) / LANES;
@@ -224,8 +229,8 @@ pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_
     }
     if ((status = allocate(system)) != PLIANT_OK) goto failed;
     system->node_mass = system->cubes ? system->cubes->node_mass : body->node_mass;
-    fill_elements(system, body->fine_material, pseudo_mass, compliance);
-    if (system->cubes) add_cubes(system, body->fine_material, pseudo_mass);
+    fill_elements(system, material, pseudo_mass, compliance);
+    if (system->cubes) add_cubes(system, material, pseudo_mass);
     if ((status = find_bounds(body, before, system)) != PLIANT_OK) goto failed;
     gather_lists(system);
     for (size_t n = 0; n < nodes; n++) {
@@ -237,6 +242,9 @@ pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_
         system->node_volume[n] = (float)(1 / compliance[2 * n]);
         system->node_modulus[n] = (float)(compliance[2 * n] / compliance[2 * n + 1]);
     }
+    if (system->groups &&
+        (status = pliant_tled_groups_find(system, body->fine_material, system->groups)) != PLIANT_OK)
+        goto failed;
     pliant_free(pseudo_mass);
     pliant_free(compliance);
     *out = system;
@@ -252,6 +260,7 @@ void pliant_tled_system_free(pliant_tled_system *system)
 {
     if (!system) return;
     pliant_tled_cubes_free(system->cubes);
+    pliant_tled_groups_free(system->groups);
     void *blocks[] = {system->gradients, system->moduli,       system->nodes,        system->corner_start,
                       system->corner,    system->inverse_mass, system->node_modulus, system->node_volume};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
@@ -338,6 +347,7 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
         tled->time_step = tled->frame / tled->substeps;
     }
     if (status == PLIANT_OK) status = allocate_state(tled);
+    if (status == PLIANT_OK) status = pliant_tled_pressure_create(tled);
     if (status != PLIANT_OK) {
         pliant_tled_free(tled);
         return status;
@@ -363,6 +373,7 @@ void pliant_tled_reset(pliant_tled *tled)
     tled->substeps >>= tled->halvings;
     tled->time_step = ldexp(tled->time_step, tled->halvings);
     tled->halvings = 0;
+    pliant_tled_pressure_reset(tled);
     pliant_tled_stop_motion(tled);
 }
 
@@ -419,5 +430,6 @@ void pliant_tled_free(pliant_tled *tled)
                       tled->own,      tled->own_inverse_mass};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_tled_contacts_free(tled);
+    pliant_tled_pressure_free(tled->pressure_of_groups);
     pliant_free(tled);
 }

@@ -123,21 +123,24 @@ static pliant_status allocate(const pliant_mesh *mesh, pliant_law law, pliant_tl
                : pliant_fail_memory("the hexahedra");
 }
 
-static void fill_cube(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony,
-                      double stiffening, pliant_tled_cubes *cubes, int32_t c)
+/* The bending stiffness includes the complete lambda. */
+static void fill_cube(const pliant_mesh *mesh, const pliant_tet_material *material,
+                      const pliant_tet_material *complete, pliant_law law, double prony, double stiffening,
+                      pliant_tled_cubes *cubes, int32_t c)
 {
     const pliant_cube *cube = cubes->cube + c;
-    double volume[5], lambda[5], mu[5], gradients[12], mass = 0, sum[3] = {0, 0, 0};
+    double volume[5], lambda[5], mu[5], all[5], gradients[12], mass = 0, sum[3] = {0, 0, 0};
     float (*moduli)[LANES] = cubes->moduli[c / LANES];
     for (int slot = 0; slot < 5; slot++) {
         volume[slot] = pliant_mesh_gradients(mesh, cube->tet[slot], gradients);
         mass += volume[slot] * material[cube->tet[slot]].density;
     }
+    pliant_cube_moduli(cube, volume, complete, all, mu);
     pliant_cube_moduli(cube, volume, material, lambda, mu);
     for (int slot = 0; slot < 5; slot++) {
         sum[0] += volume[slot] * mu[slot] * stiffening;
         sum[1] += volume[slot] * pliant_law_modulus(law, lambda[slot], mu[slot]);
-        sum[2] += volume[slot] * lambda[slot];
+        sum[2] += volume[slot] * all[slot];
     }
     moduli[0][c % LANES] = (float)sum[0];
     moduli[1][c % LANES] = (float)sum[1];
@@ -145,8 +148,8 @@ static void fill_cube(const pliant_mesh *mesh, const pliant_tet_material *materi
     for (int v = 0; v < 8; v++) cubes->node_mass[cube->node[v]] += mass / 8;
 }
 
-static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony,
-                 double stiffening, pliant_tled_cubes *cubes)
+static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, const pliant_tet_material *complete,
+                 pliant_law law, double prony, double stiffening, pliant_tled_cubes *cubes)
 {
     for (int axis = 0; axis < 3; axis++)
         for (int d = 0; d < 3; d++)
@@ -160,7 +163,7 @@ static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, p
         for (int v = 0; v < 8; v++) cubes->nodes[c / LANES][v][c % LANES] = cubes->cube[cube].node[v];
         cubes->finer[c / LANES][c % LANES] = 1.0f / (float)(cubes->size ? cubes->size[cube] : 1);
         if (cube != c) continue;
-        fill_cube(mesh, material, law, prony, stiffening, cubes, c);
+        fill_cube(mesh, material, complete, law, prony, stiffening, cubes, c);
         for (int slot = 0; slot < 5; slot++) cubes->element_of_tet[cubes->cube[c].tet[slot]] = first + c;
     }
     for (int32_t t = 0; t < mesh->num_tets; t++) {
@@ -172,8 +175,9 @@ static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, p
     }
 }
 
-pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law,
-                                       double prony, double stiffening, pliant_tled_cubes **out)
+pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material,
+                                       const pliant_tet_material *complete, pliant_law law, double prony,
+                                       double stiffening, pliant_tled_cubes **out)
 {
     pliant_tled_cubes *cubes = pliant_calloc(1, sizeof *cubes);
     if (!cubes) return pliant_fail_memory("the hexahedra");
@@ -182,7 +186,7 @@ pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet
         pliant_tled_cubes_free(cubes);
         return status;
     }
-    fill(mesh, material, law, prony, stiffening, cubes);
+    fill(mesh, material, complete, law, prony, stiffening, cubes);
     *out = cubes;
     return PLIANT_OK;
 }

@@ -40,9 +40,11 @@ struct pliant_tled_cubes {
 };
 
 /* Create the hexahedra of a mesh, without forces.
+ * @param material  (num_tets) of the elements; @param complete  with the part of lambda that acts as pressures, too
  * @param prony sum of the shares; @param stiffening as in struct pliant_tled_system */
-pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law,
-                                       double prony, double stiffening, pliant_tled_cubes **out);
+pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material,
+                                       const pliant_tet_material *complete, pliant_law law, double prony,
+                                       double stiffening, pliant_tled_cubes **out);
 void pliant_tled_cubes_free(pliant_tled_cubes *cubes); /* Nullable */
 /* Return the edge lengths of a cube [m]. */
 void pliant_tled_cube_size(const pliant_mesh *mesh, const pliant_tled_cubes *cubes, int32_t cube, double size[3]);

@@ -1,6 +1,13 @@
 /* Energies of the whole body in double precision, for checks and reports. */
 #include "fem/dynamics/tled_cubes.h"
+#include "fem/dynamics/tled_pressure.h"
 #include "mesh/mesh.h"
+
+/* Return the materials of the elements, without the part of lambda that acts as pressures. */
+static const pliant_tet_material *own_material(const pliant_tled *tled, const pliant_tet_material *material)
+{
+    return tled->system->groups ? tled->system->groups->soft : material;
+}
 
 /* @param back  Number of increments to subtract: 0 or 1. */
 static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], const double g[12], double back,
@@ -163,6 +170,7 @@ double pliant_tled_element_energy(const pliant_tled *tled, const pliant_tet_mate
                                   double force[8][3])
 {
     element_state state;
+    material = own_material(tled, material);
     if (element < 0) {
         const cube_constants constants = constants_of(tled->system, material, ~element);
         cube_state(tled, &constants, ~element, 0, &state);
@@ -221,6 +229,8 @@ void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *ma
         double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
         *kinetic += 0.5 * square / (tled->inverse_mass[n] * tled->time_step * tled->time_step);
     }
-    strain_energies(tled, material, strain, &before, &work);
-    *kept = *kinetic + 0.5 * (*strain + before) - 0.25 * work;
+    strain_energies(tled, own_material(tled, material), strain, &before, &work);
+    const double pressures = pliant_tled_pressure_energy(tled);
+    *kept = *kinetic + 0.5 * (*strain + before) - 0.25 * work + pressures;
+    *strain += pressures;
 }

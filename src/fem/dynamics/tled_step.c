@@ -2,6 +2,7 @@
 #include "base/fail.h"
 #include "base/clock.h"
 #include "fem/dynamics/tled_cubes.h"
+#include "fem/dynamics/tled_pressure.h"
 
 #include <math.h>
 #include <string.h>
@@ -12,12 +13,6 @@ enum {
     BURST = 64,
     TRIAL = 8 /* sub-steps by the same number of threads */
 };
-
-pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha)
-{
-    double inertia = 1 / (dt * dt), drag = alpha / (2 * dt);
-    return (pliant_tled_scheme){.factor = 1 / (inertia + drag), .kept = (inertia - drag) / (inertia + drag)};
-}
 
 static int32_t end_of(const pliant_tled *tled, int32_t chunk)
 {
@@ -70,6 +65,7 @@ static void accelerate(pliant_tled *tled, const pliant_tool *tools, int num_tool
             sum[1] += force[LANES];
             sum[2] += force[2 * LANES];
         }
+        if (tled->pressure_of_groups) pliant_tled_pressure_add(tled, n, sum);
         for (int k = 0; k < 3; k++) now[k] = inverse * (system->node_mass[n] * tled->gravity[k] - sum[k]);
         if (reports_error) error = error_at(tled, tools, num_tools, n, now, error);
         for (int k = 0; k < 3; k++) {
@@ -195,7 +191,9 @@ static bool any_strains_fast(const pliant_tled *tled, int *shared)
 /* Return the status of collision detection in sub-steps. */
 static pliant_status status_of(const pliant_tled *tled)
 {
+    const pliant_tled_pressure *pressure = tled->pressure_of_groups;
     const pliant_status status = tled->overlap_damping.status;
+    if (status == PLIANT_OK && pressure && pressure->status != PLIANT_OK) return pressure->status;
     return status == PLIANT_OK && tled->zones ? tled->zones->status : status;
 }
 
@@ -206,7 +204,8 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
     const int32_t part = pliant_tled_part_substeps(tled), frame = tled->substeps - tled->substeps_done;
     const pliant_tled_system *system = tled->system;
     const int32_t chunks = (system->mesh->num_nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK;
-    const bool still = system->quasi_static, acted = held || pliant_tled_touches(tled);
+    const bool still = system->quasi_static, acts = held || pliant_tled_touches(tled),
+               corrects = acts || tled->pressure_of_groups;
     pliant_tled_scheme rule = pliant_tled_scheme_of(tled->time_step, system->damping);
     pliant_tled_frame result = {.is_stable = true, .steps = first};
     double total[PLIANT_NUM_SUMS],
@@ -214,6 +213,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
     while (result.steps < end && !result.settled && status_of(tled) == PLIANT_OK) {
         if (system->nodal_pressure) pliant_tled_pressures(tled);
         pliant_tled_element_forces(tled, tled->time_step);
+        if (tled->pressure_of_groups) pliant_tled_pressure_find(tled);
         if (still) {
 #pragma omp for schedule(static)
             for (int32_t chunk = 0; chunk < chunks; chunk++)
@@ -224,13 +224,13 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         for (int32_t chunk = 0; chunk < chunks; chunk++) {
             if (!still) accelerate(tled, tools, num_tools, frame - result.steps, chunk);
             advance(tled, rule, chunk);
-            if (!acted) settle(tled, rule, chunk);
+            if (!corrects) settle(tled, rule, chunk);
         }
         if (tled->zones) {
 #pragma omp single
             pliant_impact_zones_accelerate(tled->zones, tled->time_step, tled->acceleration);
         }
-        if (acted) {
+        if (acts) {
 #pragma omp single
             {
                 *tool_load =
@@ -238,6 +238,14 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
                 if (pliant_tled_touches(tled))
                     *tool_load += pliant_tled_contacts_correct(tled, rule.factor, result.steps);
             }
+        }
+        if (tled->pressure_of_groups) {
+#pragma omp for schedule(static)
+            for (int32_t chunk = 0; chunk < chunks; chunk++)
+                pliant_tled_collide(tled, rule.factor, chunk * PLIANT_CHUNK, end_of(tled, chunk));
+            pliant_tled_pressure_correct(tled, tools, num_tools, rule.factor);
+        }
+        if (corrects) {
 #pragma omp for schedule(static)
             for (int32_t chunk = 0; chunk < chunks; chunk++) settle(tled, rule, chunk);
         }
@@ -272,6 +280,7 @@ static void save_or_restore_start(pliant_tled *tled, bool back)
            back ? tled->start_previous_point : tled->previous_point, sizeof tled->previous_point);
     memcpy(back ? tled->previous_target : tled->start_previous_target,
            back ? tled->start_previous_target : tled->previous_target, sizeof tled->previous_target);
+    pliant_tled_pressure_save_or_restore(tled, back);
     if (tled->memory)
         memcpy(back ? tled->memory : tled->start_memory, back ? tled->start_memory : tled->memory,
                blocks * sizeof *tled->memory);

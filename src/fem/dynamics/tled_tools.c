@@ -178,12 +178,37 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
     return load;
 }
 
+/* As pliant_substep_collide for a node of nearly incompressible tissue. It bounces with at most its velocity towards
+ * the wall before the sub-step. Otherwise large pressures, which change the velocity within a sub-step, add energy. */
+static void bounce(pliant_tled *tled, double factor, int32_t node)
+{
+    const pliant_tled_system *system = tled->system;
+    const size_t at = 3 * (size_t)node;
+    const double kept = pliant_tled_scheme_of(tled->time_step, system->damping).kept;
+    double *u = tled->u + at, *d = tled->d + at, *acceleration = tled->acceleration + at;
+    for (int w = 0; w < system->num_walls; w++) {
+        const pliant_wall *wall = system->walls + w;
+        double now = 0, before = 0;
+        for (int k = 0; k < 3; k++) {
+            now += wall->normal[k] * d[k];
+            before += wall->normal[k] * (d[k] - factor * acceleration[k]) / kept;
+        }
+        const double restitution = now < 0 && before < 0 ? system->restitution * fmin(1, before / now) : 0;
+        pliant_substep_collide(wall, 1, system->friction, restitution, system->mesh->rest + at, factor, u, d,
+                               acceleration);
+    }
+}
+
 void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_t end)
 {
     const pliant_tled_system *system = tled->system;
     for (int32_t n = first; n < end; n++) {
         if (tled->inverse_mass[n] == 0) continue;
         size_t at = 3 * (size_t)n;
+        if (tled->pressure_of_groups && system->restitution > 0) {
+            bounce(tled, factor, n);
+            continue;
+        }
         pliant_substep_collide(system->walls, system->num_walls, system->friction, system->restitution,
                                system->mesh->rest + at, factor, tled->u + at, tled->d + at, tled->acceleration + at);
     }

@@ -59,8 +59,7 @@ typedef struct moduli {
     int32_t tets, tet[5], cell;
 } moduli;
 
-/* Find the cells that no cut has divided: (cells) nonzero. Errors: MEMORY. */
-static pliant_status find_whole(const pliant_mesh *mesh, uint8_t **whole)
+pliant_status pliant_find_whole_cells(const pliant_mesh *mesh, uint8_t **whole)
 {
     const size_t cells = pliant_count_cells(mesh);
     uint8_t *slots = *whole = pliant_calloc(cells, 1);
@@ -169,7 +168,7 @@ static pliant_status create(const pliant_system *system, const pliant_tet_materi
                                ? PLIANT_OK
                                : pliant_fail_memory("the pressures");
     if (status == PLIANT_OK) status = find_moduli(system, soft, complete, of);
-    if (status == PLIANT_OK && cells) status = find_whole(system->mesh, &whole);
+    if (status == PLIANT_OK && cells) status = pliant_find_whole_cells(system->mesh, &whole);
     if (status == PLIANT_OK) {
         complete_hexahedra(system, whole, soft, complete, of);
         for (size_t c = 0; first && c < cells; c++) first[c] = -1;
@@ -300,7 +299,7 @@ pliant_status pliant_group_changes(const pliant_mesh *mesh, const double *positi
     double *sum = pliant_calloc(2 * cells + 1, sizeof *sum);
     uint8_t *whole = NULL;
     pliant_status status = change && sum ? PLIANT_OK : pliant_fail_memory("the pressures");
-    if (status == PLIANT_OK && cells) status = find_whole(mesh, &whole);
+    if (status == PLIANT_OK && cells) status = pliant_find_whole_cells(mesh, &whole);
     for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets; t++) {
         const double volume = change_of(mesh, positions, law, t, change + t);
         if (!cells) continue;

@@ -32,6 +32,9 @@ typedef struct pliant_pressures {
     double *element_volume;   /* (elements) V_e [m^3] */
 } pliant_pressures;
 
+/* Find the lattice cubes or octree leaves that no cut has divided: *whole (cells) nonzero; free with pliant_free.
+ * Errors: MEMORY; the caller then frees the partial result. */
+pliant_status pliant_find_whole_cells(const pliant_mesh *mesh, uint8_t **whole);
 /* Copy the materials with the elements' own lambda. *out: NULL if no tissue has pressures; free with pliant_free.
  * Errors: MEMORY. */
 pliant_status pliant_soft_materials(const pliant_tet_material *material, int32_t count, pliant_tet_material **out);

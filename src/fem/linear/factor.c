@@ -194,6 +194,21 @@ pliant_status pliant_factor_analyze_in(const pliant_pattern *pattern, const int3
     return PLIANT_OK;
 }
 
+pliant_status pliant_factor_analyze_scalar(int32_t size, const int *column_start, const int *row, pliant_factor **out)
+{
+    pliant_factor *factor = factor_new(size, (size_t)column_start[size]);
+    if (!factor) return pliant_fail_memory("the factor");
+    memcpy(factor->column_start, column_start, ((size_t)size + 1) * sizeof *column_start);
+    memcpy(factor->row, row, (size_t)column_start[size] * sizeof *row);
+    const pliant_status status = find_order(factor);
+    if (status != PLIANT_OK) {
+        pliant_factor_free(factor);
+        return status;
+    }
+    *out = factor;
+    return PLIANT_OK;
+}
+
 void pliant_factor_in_double(pliant_factor *factor) { factor->in_double = true; }
 
 static pliant_supernodes supernodes_of(const pliant_factor *factor)

@@ -4,6 +4,7 @@
 #include "base/fail.h"
 #include "contact/volume/volume_bound.h"
 #include "fem/dynamics/tled_cubes.h"
+#include "fem/dynamics/tled_pressure.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
@@ -108,6 +109,7 @@ static void mix_dynamics(const pliant_data *data, const double *fraction)
         mix(3, tled->start_u + at, fraction[n], tled->u + at);
         for (int d = 0; d < 3; d++) tled->d[at + (size_t)d] *= fraction[n];
     }
+    pliant_tled_pressure_mix(tled, fraction);
     if (!tled->memory) return;
     mix_memory(tled, 0, system->num_blocks, &system->nodes[0][0][0], 4, fraction);
     if (system->cubes)

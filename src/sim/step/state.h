@@ -21,7 +21,7 @@ extern "C" {
 #define PLIANT_STATE_ARRAYS(X) \
     X(double, positions)       /* (fine nodes x 3) LPS [m] */ \
     X(double, solved)          /* quasi-static: (solved nodes x 3) solved positions; rigid pieces at their home [m] */ \
-    X(double, pressure)        /* quasi-static, nearly incompressible tissue: (pressures) [Pa] */ \
+    X(double, pressure)        /* nearly incompressible tissue: (pressures) [Pa]; explicit: and their offsets [m^3] */ \
     X(double, displacement)    /* explicit: (fine nodes x 3) from rest [m] */ \
     X(double, increment)       /* explicit: (fine nodes x 3) in the last sub-step: velocity times time_step [m] */ \
     X(float, relaxed)          /* Prony: (blocks x 6 PLIANT_PRONY_TERMS x LANES) relaxed stress times volume [N m] */ \

@@ -2,7 +2,7 @@
 
 #include "backend/backend.h"
 #include "base/buffer.h"
-#include "fem/dynamics/tled.h"
+#include "fem/dynamics/tled_pressure.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 
@@ -133,7 +133,9 @@ static void move_tissue(transfer *work, pliant_state *state, pliant_data *data)
     MOVE(solved, data->solver ? data->solver->now.x : NULL,
          data->solver ? 3 * data->solver->system->mesh->num_nodes : 0);
     const pliant_pressures *pressures = data->solver ? data->solver->pressures : NULL;
-    MOVE(pressure, pressures ? data->solver->now.pressure : NULL, pressures ? pressures->count : 0);
+    const pliant_tled_pressure *dynamic = data->tled ? data->tled->pressure_of_groups : NULL;
+    MOVE(pressure, pressures ? data->solver->now.pressure : dynamic ? dynamic->state : NULL,
+         pressures ? pressures->count : dynamic ? 2 * dynamic->groups->count : 0);
     move_dynamics(work, state, data);
     move_pieces(work, state, data);
 }
