@@ -1,8 +1,9 @@
 // Eight tools press into a block of 13,720 tetrahedra and slide over it: the share of contact in a step. The same
-// block without tools, with as many evaluations, is the reference.
+// block without tools, with as many evaluations, is the reference. With `self`, there are no tools. The upper half of
+// the block, held at one side, rests on the lower half.
 //
 // Usage:
-//   bench_tools [cpu|cuda [cells]]     default: cpu; 14 cells along each axis
+//   bench_tools [cpu|cuda [cells [self]]]     default: cpu; 14 cells along each axis
 // The CPU uses one thread. With cuda, the host uses all its threads. With more than 14 cells (a multiple of 4), the
 // method is averaged, with elements of 4 cells. 60 cells: 1.08 million tetrahedra.
 #include "../pipeline/body.h"
@@ -15,6 +16,7 @@ namespace
 {
 
 enum { PRESS = 20, SLIDE = 60, NUM_TOOLS = 8, FINE_CELLS = 14, RATIO = 4 };
+enum Kind { WHOLE, HALVES };
 const double edge = 0.14, radius = 0.012;
 
 double median(std::vector<double> values)
@@ -23,15 +25,25 @@ double median(std::vector<double> values)
     return values.empty() ? NAN : values[values.size() / 2];
 }
 
+// Between the two halves is a gap of one element.
 struct Block : Body {
-    Block(pliant_backend_choice backend, int n, int iterations)
-        : Body(std::array<int, 3>{2 * n, 2 * n, 2 * n}.data(), std::array<double, 3>{edge, edge, edge}.data(),
-               {{5e3, 0.45, 1000, false}})
+    Block(pliant_backend_choice backend, int n, int iterations, Kind kind)
+        : Block(backend, n, n > FINE_CELLS ? int(RATIO) : 1, iterations, kind)
     {
-        const int ratio = n > FINE_CELLS ? RATIO : 1;
-        cells(n / ratio, n / ratio, n / ratio, ratio);
+    }
+
+private:
+    Block(pliant_backend_choice backend, int n, int ratio, int iterations, Kind kind)
+        : Body(std::array<int, 3>{2 * n, 2 * n, 2 * (n + kind * ratio)}.data(),
+               std::array<double, 3>{edge, edge, edge * (n + kind * ratio) / n}.data(),
+               {{5e3, 0.45, 1000, false}, {1, 0.3, 1, true}},
+               [=](int, int, int k) { return int(kind == HALVES && k / (2 * ratio) == n / ratio / 2); })
+    {
+        cells(n / ratio, n / ratio, n / ratio + kind, ratio);
         if (ratio > 1) scene.model.method = PLIANT_AVERAGED;
         fix_plane(0, 0, 1e-3, 0, 0, 1);
+        if (kind == HALVES) fix_plane(1e-3, 0, 0, 1, 0, 0);
+        scene.contact.self = kind == HALVES;
         scene.solver.backend = backend;
         scene.solver.threads = backend == PLIANT_CUDA ? 0 : 1;
         scene.solver.iterations = iterations;
@@ -68,16 +80,17 @@ void move_tools(Block &block, int step)
     }
 }
 
-void measure(pliant_backend_choice backend, int cells, int iterations)
+void measure(pliant_backend_choice backend, int cells, int iterations, Kind kind)
 {
-    Block pressed(backend, cells, iterations), alone(backend, cells, iterations);
-    for (int t = 0; t < NUM_TOOLS; t++) add_ball(pressed, t);
+    Block pressed(backend, cells, iterations, kind), alone(backend, cells, iterations, WHOLE);
+    for (int t = 0; kind == WHOLE && t < NUM_TOOLS; t++) add_ball(pressed, t);
     std::vector<double> with, without, stage[PLIANT_NUM_STEP_STAGES];
     int32_t points = 0, legs = 0, evaluations = 0;
     for (int step = 0; step <= PRESS + SLIDE; step++) {
-        move_tools(pressed, step);
         const double gravity[3] = {0.5 * (step % 2), 0, -9.81}; // so that every step has work
         ASSERT_EQ(pliant_data_set_gravity(alone.data, gravity), PLIANT_OK);
+        if (kind == WHOLE) move_tools(pressed, step);
+        else ASSERT_EQ(pliant_data_set_gravity(pressed.data, gravity), PLIANT_OK);
         for (Block *block : {&pressed, &alone}) ASSERT_GE(pliant_step(block->model, block->data), 0);
         if (step < PRESS) continue;
         const pliant_statistics &statistics = pressed.data->statistics;
@@ -90,15 +103,16 @@ void measure(pliant_backend_choice backend, int cells, int iterations)
     }
     std::printf(
         "%s, %d tetrahedra, %d evaluations at most (%d made), up to %d contact points and %d legs: step %.3f ms, "
-        "without tools %.3f ms; worst step %.3f ms; stages:",
+        "without contact %.3f ms; worst step %.3f ms; stages:",
         pliant_data_get_backend(pressed.data), pressed.data->body->fine.num_tets, iterations, evaluations, points, legs,
         median(with), median(without), *std::max_element(with.begin(), with.end()));
     for (int n = 0; n < PLIANT_NUM_STEP_STAGES; n++)
         std::printf(" %s %.3f", pliant_step_stage_name(n), median(stage[n]));
     std::printf(" ms\n");
-    const std::string name = std::string("tools/") + pliant_data_get_backend(pressed.data);
+    const std::string name =
+        std::string(kind == WHOLE ? "tools/" : "self_contact/") + pliant_data_get_backend(pressed.data);
     figure(name + "/step", median(with), "ms");
-    figure(name + "/without_tools", median(without), "ms");
+    figure(name + (kind == WHOLE ? "/without_tools" : "/without_contact"), median(without), "ms");
 }
 
 } // namespace
@@ -107,6 +121,7 @@ int main(int argc, char **argv)
 {
     const pliant_backend_choice backend = argc > 1 && !std::strcmp(argv[1], "cuda") ? PLIANT_CUDA : PLIANT_CPU;
     const int cells = argc > 2 ? std::atoi(argv[2]) : FINE_CELLS;
-    for (int iterations : {6, 30}) measure(backend, cells, iterations);
+    const Kind kind = argc > 3 && !std::strcmp(argv[3], "self") ? HALVES : WHOLE;
+    for (int iterations : {6, 30}) measure(backend, cells, iterations, kind);
     return 0;
 }
