@@ -77,7 +77,8 @@ struct Scene {
             parts.push_back(part);
         }
     }
-    double find(int threads = 1)
+    // listed: as in pliant_advance_find_self
+    double find(int threads = 1, double listed = 0)
     {
         double fraction = -1;
         EXPECT_EQ(pliant_advance_find(with.advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
@@ -325,13 +326,27 @@ struct Layers {
     Advance with;
     pliant_advance_self self{};
     Layers() { self.thickness = 1e-4; }
-    double find(int threads = 1)
+    // listed: as in pliant_advance_find_self
+    double find(int threads = 1, double listed = 0)
     {
         double fraction = -1;
         EXPECT_EQ(pliant_advance_find_self(with.advance, sheet.num_triangles(), sheet.triangles.data(),
-                                           sheet.from.data(), sheet.to.data(), &self, threads, &fraction),
+                                           sheet.from.data(), sheet.to.data(), &self, listed, threads,
+                                           &fraction),
                   PLIANT_OK);
         return fraction;
+    }
+    // The same from pairs that an audit has listed at the start.
+    double find_listed()
+    {
+        const double thickness = self.thickness,
+                     reach = pliant_advance_relative_motion(static_cast<int32_t>(sheet.from.size() / 3), nullptr,
+                                                            sheet.from.data(), sheet.to.data()) +
+                             pliant_advance_self_margin(&with.advance->settings, thickness);
+        self.thickness = reach;
+        crossings();
+        self.thickness = thickness;
+        return find(1, reach);
     }
     int32_t crossings()
     {
@@ -432,6 +447,7 @@ TEST(AdvanceSelf, ACrumpledSheetNeverPassesThroughItself)
             });
             const double fraction = on.find();
             EXPECT_EQ(on.find(2), fraction);
+            EXPECT_EQ(on.find_listed(), fraction);
             on.sheet.advance(fraction);
             ASSERT_EQ(on.crossings(), 0) << "scene " << scene << " leg " << n;
             ASSERT_GT(on.minimum(), 0.05 * 1e-4 * 0.999) << "scene " << scene << " leg " << n;
@@ -479,7 +495,7 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
                                              sheet.to.data(), 1, &part, 1, false, &fraction);
             if (status == PLIANT_OK && self)
                 status = pliant_advance_find_self(advance, sheet.num_triangles(), sheet.triangles.data(),
-                                                  sheet.from.data(), sheet.to.data(), &how, 1, &of_self);
+                                                  sheet.from.data(), sheet.to.data(), &how, 0, 1, &of_self);
             pliant_memory_fail_after(-1);
             const int32_t pairs = status == PLIANT_OK && self ? advance->num_self : -1;
             if (status != PLIANT_OK) {
@@ -492,7 +508,7 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
                                               sheet.to.data(), 1, &part, 1, false, &fraction),
                           PLIANT_OK);
                 EXPECT_EQ(pliant_advance_find_self(advance, sheet.num_triangles(), sheet.triangles.data(),
-                                                   sheet.from.data(), sheet.to.data(), &how, 1, &of_self),
+                                                   sheet.from.data(), sheet.to.data(), &how, 0, 1, &of_self),
                           PLIANT_OK);
                 EXPECT_EQ(fraction, 1);
                 EXPECT_EQ(of_self, 1);

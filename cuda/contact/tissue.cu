@@ -6,6 +6,7 @@
 #include "contact/detect/tissue_rules.h"
 #include "cuda/base/device.h"
 #include "cuda/contact/overlaps.cuh"
+#include "cuda/contact/self_pairs.h"
 #include "base/fail.h"
 #include "base/memory.h"
 
@@ -24,6 +25,7 @@ struct gpu_tissue {
     uint64_t revision;         /* of the topology; 0: none */
     const pliant_body *body;   /* previous topology, only for comparison */
     gpu_overlaps *overlaps;
+    gpu_self_pairs *pairs;     /* Nullable: not used yet for this topology */
     pliant_tissue_view view;   /* pointers of the device */
     int32_t num_nodes, num_triangles;
     size_t positions_bytes, last_bytes, normals_bytes;
@@ -89,6 +91,7 @@ __global__ void __launch_bounds__(THREADS)
 void forget_body(gpu_tissue *gpu)
 {
     gpu_overlaps_free(gpu->overlaps);
+    gpu_self_pairs_free(gpu->pairs);
     for (int32_t b = 0; b < gpu->num_blocks; b++) pliant_cuda_release(gpu->of_body[b]);
     void *blocks[] = {gpu->d_positions, gpu->d_normal,    gpu->d_last, gpu->d_count,
                       gpu->d_touching,  gpu->d_num_found, gpu->d_found};
@@ -272,6 +275,19 @@ pliant_status search(void **state, pliant_tissue *tissue, const double *position
     return find(static_cast<gpu_tissue *>(*state), tissue, positions, rule);
 }
 
+pliant_status list_pairs(void *state, pliant_tissue *tissue, const pliant_advance_self *self)
+{
+    gpu_tissue *gpu = static_cast<gpu_tissue *>(state);
+    pliant_advance *advance = tissue->advance;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    if (!gpu->pairs) {
+        CUDA_TRY(pliant_advance_tree_set(&advance->tree, tissue->num_triangles, tissue->triangles, self->rest));
+        CUDA_TRY(gpu_self_pairs_create(&advance->tree, tissue->body->fine.num_nodes, self->exempt, self->piece,
+                                       gpu->stream, &gpu->pairs));
+    }
+    return gpu_self_pairs_find(gpu->pairs, gpu->d_positions, self->thickness, gpu->stream, advance, tissue->exempt);
+}
+
 } // namespace
 
-const pliant_tissue_searcher pliant_cuda_tissue_searcher = {search, destroy};
+const pliant_tissue_searcher pliant_cuda_tissue_searcher = {search, list_pairs, destroy};

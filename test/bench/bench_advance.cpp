@@ -152,7 +152,7 @@ void measure_self(int across, double gap, double way, int threads)
         double fraction = 1;
         const double begin = now();
         pliant_advance_find_self(advance, static_cast<int32_t>(sheet.triangles.size() / 3), sheet.triangles.data(),
-                                 sheet.from.data(), sheet.to.data(), &self, threads, &fraction);
+                                 sheet.from.data(), sheet.to.data(), &self, 0, threads, &fraction);
         times.push_back(1e6 * (now() - begin));
         pairs.push_back(advance->num_self);
         fractions.push_back(fraction);

@@ -14,7 +14,7 @@
 #include <string>
 
 #ifndef PLIANT_WITH_CUDA
-const pliant_tissue_searcher pliant_cuda_tissue_searcher = {nullptr, nullptr};
+const pliant_tissue_searcher pliant_cuda_tissue_searcher = {nullptr, nullptr, nullptr};
 #endif
 
 namespace {
@@ -183,7 +183,7 @@ TEST(CudaContact, FindsTheContactsOfTheCpu)
     std::mt19937 random(4);
     std::normal_distribution<double> normal;
     Searches searches;
-    int32_t maximum = 0;
+    int32_t maximum = 0, pairs = 0;
     // blocks move onto and through each other and rotate; some nodes have invalid positions
     for (int s = 0; s < 40; s++) {
         std::vector<double> positions(body->fine.rest, body->fine.rest + 3 * body->fine.num_nodes);
@@ -199,9 +199,13 @@ TEST(CudaContact, FindsTheContactsOfTheCpu)
         }
         if (s == 21) positions[30] = NAN;
         SCOPED_TRACE(s);
-        maximum = std::max(maximum, searches.compare(body, positions.data(), {0.0025, 1e-3, 0.3, 0}));
+        pliant_tissue_rule rule = {0.0025, 1e-3, 0.3, 0};
+        rule.thickness = s % 2 == 0 ? 1e-4 : 0;
+        maximum = std::max(maximum, searches.compare(body, positions.data(), rule));
+        pairs = std::max(pairs, rule.thickness > 0 ? searches.compare_pairs() : 0);
     }
     EXPECT_GT(maximum, 50);
+    EXPECT_GT(pairs, 100);
 }
 
 // The approximate inverse is carried over a cut made while tools press. Then the new body's own inverse is installed,

@@ -8,7 +8,10 @@
 #include "cuda_warps.h"
 #include "fem/rigid/rigid_pieces.h"
 #include "base/memory.h"
+#include "contact/advance/advance_workspace.h"
 #include "tongue.h"
+
+#include <tuple>
 
 namespace cuda_contacts {
 
@@ -380,6 +383,29 @@ struct Searches {
             EXPECT_TRUE(same) << "point " << p << " of " << found[0].count;
         }
         return found[0].count;
+    }
+    // Compare the listed pairs that keep a distance. Their order may differ. Return their number.
+    int32_t compare_pairs()
+    {
+        std::vector<pliant_advance_self_pair> pairs[2];
+        for (int k = 0; k < 2; k++) {
+            pairs[k].assign(of[k].advance->self, of[k].advance->self + of[k].advance->num_self);
+            std::sort(pairs[k].begin(), pairs[k].end(),
+                      [](const pliant_advance_self_pair &a, const pliant_advance_self_pair &b) {
+                          return std::make_tuple(a.is_edges, a.feature[0], a.feature[1]) <
+                                 std::make_tuple(b.is_edges, b.feature[0], b.feature[1]);
+                      });
+        }
+        const bool same =
+            pairs[0].size() == pairs[1].size() &&
+            std::equal(pairs[0].begin(), pairs[0].end(), pairs[1].begin(),
+                       [](const pliant_advance_self_pair &a, const pliant_advance_self_pair &b) {
+                           return a.is_edges == b.is_edges && std::equal(a.feature, a.feature + 2, b.feature) &&
+                                  std::equal(a.node, a.node + 4, b.node) && a.limit == b.limit;
+                       });
+        EXPECT_TRUE(same) << pairs[0].size() << " and " << pairs[1].size() << " pairs";
+        EXPECT_TRUE(std::equal(of[0].exempt, of[0].exempt + of[0].body->fine.num_nodes, of[1].exempt));
+        return static_cast<int32_t>(pairs[0].size());
     }
 };
 

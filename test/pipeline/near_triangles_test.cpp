@@ -7,7 +7,7 @@
 #include <functional>
 
 #ifndef PLIANT_WITH_CUDA
-const pliant_tissue_searcher pliant_cuda_tissue_searcher = {nullptr, nullptr};
+const pliant_tissue_searcher pliant_cuda_tissue_searcher = {nullptr, nullptr, nullptr};
 #endif
 
 namespace {

@@ -91,10 +91,18 @@ typedef struct pliant_advance_self {
 } pliant_advance_self;
 
 /* Compute the largest fraction of a leg in which the surface does not pass through itself. Otherwise as
- * pliant_advance_find. Errors: MEMORY (fraction is not written). */
+ * pliant_advance_find.
+ * @param listed 0, or at least the relative motion in the leg plus pliant_advance_self_margin, if the last audit has
+ *   listed all pairs up to this distance at `from`. Then no other pairs are searched, and the list stays [m]
+ * Errors: MEMORY (fraction is not written). */
 pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                        const double *from, const double *to, const pliant_advance_self *self,
-                                       int num_threads, double *fraction);
+                                       double listed, int num_threads, double *fraction);
+/* Return a bound of the motion of two points of the surface relative to each other: the diagonal of the box around all
+ * motions [m]. node: Nullable, (count); NULL: the nodes 0 to count - 1 */
+double pliant_advance_relative_motion(int32_t count, const int32_t *node, const double *from, const double *to);
+/* Return the distance above which a pair does not shorten a leg [m]. */
+double pliant_advance_self_margin(const pliant_contact_settings *settings, double thickness);
 
 /* List the pairs of the surface with itself that are nearer than the thickness in one configuration.
  * @param crossing Nullable, (nodes): set to 1 for the nodes of edges and triangles that cross

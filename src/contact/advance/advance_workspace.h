@@ -41,9 +41,6 @@ struct pliant_advance {
 
 /* Return the thickness of a pair; 0: the pair is exempt, or coincides at rest [m]. */
 double pliant_advance_thickness(const pliant_advance_self *self, const int32_t node[4], bool is_edges);
-/* Return whether a pair is left out. The first nodes belong to one side, the other nodes to the other side. */
-bool pliant_advance_is_exempt(const pliant_advance_self *self, int count, const int32_t *node, int first);
-
 /* Return the distance of a pair [m]. */
 double pliant_advance_self_distance(const pliant_advance_self_pair *pair, const double *positions);
 /* Compute the closest points of a pair at the fraction pair->t of a leg: weights of its nodes, which sum to 1 and to -1
@@ -58,9 +55,6 @@ double pliant_advance_self_time(pliant_advance *advance, const double *from, con
 pliant_status pliant_advance_reserve_times(pliant_advance *advance, int32_t count);
 /* Sort by fraction, then by pair: the first pairs shorten the leg for the others. */
 void pliant_advance_sort(int32_t count, pliant_advance_pair_time *times);
-
-/* Return whether a segment passes through a triangle, by signed volumes. */
-bool pliant_segment_crosses_triangle(const double corner[3][3], const double end[2][3]);
 
 /* Fill motion and pair with all pairs whose core distance can reach `margin` or less during the leg. Held triangles
  * are left out.

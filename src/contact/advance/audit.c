@@ -1,6 +1,6 @@
 /* Check whether the surface and the cores overlap. The algorithms are independent of the advancement: ternary
  * search of a convex function on a segment, and signed volumes for segments that pass through triangles. */
-#include "contact/advance/advance_workspace.h"
+#include "contact/advance/self_rules.h"
 
 #include "base/threads.h"
 #include "contact/advance/advance_rules.h"
@@ -41,12 +41,14 @@ static bool enters(const pliant_part *core, const double end[2][3])
 /* Return whether the axis of a capsule, or an edge of a box, passes through a triangle. */
 static bool passes_through(const pliant_part *core, const double corner[3][3])
 {
+    const double *const corners[3] = {corner[0], corner[1], corner[2]};
     double end[2][3];
+    const double *const ends[2] = {end[0], end[1]};
     bool crosses = false;
     if (core->kind == PLIANT_PART_CAPSULE) {
         memcpy(end[0], core->from, sizeof end[0]);
         memcpy(end[1], core->to, sizeof end[1]);
-        return pliant_segment_crosses_triangle(corner, (const double(*)[3])end);
+        return pliant_segment_crosses_triangle(corners, ends);
     }
     for (int edge = 0; edge < 12 && core->kind == PLIANT_PART_BOX && !crosses; edge++) {
         const int along = edge / 4;
@@ -55,7 +57,7 @@ static bool passes_through(const pliant_part *core, const double corner[3][3])
                 const int upper = d == along ? n : edge >> (d == (along + 1) % 3) & 1;
                 end[n][d] = upper ? core->to[d] : core->from[d];
             }
-        crosses = pliant_segment_crosses_triangle(corner, (const double(*)[3])end);
+        crosses = pliant_segment_crosses_triangle(corners, ends);
     }
     return crosses;
 }

@@ -107,25 +107,29 @@ static void fit(pliant_advance_tree *tree, const double *from, const double *to)
     }
 }
 
+pliant_status pliant_advance_tree_set(pliant_advance_tree *tree, int32_t num_triangles, const int32_t *triangles,
+                                      const double *positions)
+{
+    const size_t bytes = 3 * (size_t)num_triangles * sizeof *triangles;
+    if (num_triangles == tree->num_triangles && memcmp(triangles, tree->triangles, bytes) == 0) return PLIANT_OK;
+    tree->num_triangles = 0;
+    bool good = reserve(tree, num_triangles);
+    if (good) {
+        memcpy(tree->triangles, triangles, bytes);
+        tree->num_triangles = num_triangles;
+        good = find_owners(tree) && build(tree, positions);
+    }
+    if (good) return PLIANT_OK;
+    pliant_advance_tree_free(tree);
+    return pliant_fail_memory("contact advance");
+}
+
 pliant_status pliant_advance_tree_update(pliant_advance_tree *tree, int32_t num_triangles, const int32_t *triangles,
                                          const double *rest, const double *from, const double *to)
 {
-    const size_t bytes = 3 * (size_t)num_triangles * sizeof *triangles;
-    if (num_triangles != tree->num_triangles || memcmp(triangles, tree->triangles, bytes) != 0) {
-        tree->num_triangles = 0;
-        bool good = reserve(tree, num_triangles);
-        if (good) {
-            memcpy(tree->triangles, triangles, bytes);
-            tree->num_triangles = num_triangles;
-            good = find_owners(tree) && build(tree, rest ? rest : from);
-        }
-        if (!good) {
-            pliant_advance_tree_free(tree);
-            return pliant_fail_memory("contact advance");
-        }
-    }
-    fit(tree, from, to);
-    return PLIANT_OK;
+    const pliant_status status = pliant_advance_tree_set(tree, num_triangles, triangles, rest ? rest : from);
+    if (status == PLIANT_OK) fit(tree, from, to);
+    return status;
 }
 
 void pliant_advance_tree_free(pliant_advance_tree *tree)

@@ -3,6 +3,7 @@
 #ifndef PLIANT_CONTACT_ADVANCE_BOUNDING_BOX_TREE_H
 #define PLIANT_CONTACT_ADVANCE_BOUNDING_BOX_TREE_H
 
+#include "base/inline.h"
 #include "contact/advance/advance.h"
 
 /* Box around an object throughout a leg. */
@@ -28,17 +29,29 @@ typedef struct pliant_advance_tree {
     pliant_advance_box *around;    /* (num_branches) */
 } pliant_advance_tree;
 
-/* Update the boxes, and rebuild the tree if the triangles have changed. Errors: MEMORY (the tree is empty then).
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Rebuild the tree if the triangles have changed, without its boxes. positions: they determine the tree. Errors: MEMORY
+ * (the tree is empty then). */
+pliant_status pliant_advance_tree_set(pliant_advance_tree *tree, int32_t num_triangles, const int32_t *triangles,
+                                      const double *positions);
+/* Do the same, and update the boxes.
  * @param rest Nullable: positions at rest, which determine the tree; NULL: `from` does */
 pliant_status pliant_advance_tree_update(pliant_advance_tree *tree, int32_t num_triangles, const int32_t *triangles,
                                          const double *rest, const double *from, const double *to);
 void pliant_advance_tree_free(pliant_advance_tree *tree);
 
-/* fmin and fmax would be function calls */
-static inline double pliant_advance_lower(double a, double b) { return a < b ? a : b; }
-static inline double pliant_advance_upper(double a, double b) { return a > b ? a : b; }
+#ifdef __cplusplus
+}
+#endif
 
-static inline void pliant_advance_box_add(pliant_advance_box *box, const double x[3])
+/* fmin and fmax would be function calls */
+PLIANT_INLINE double pliant_advance_lower(double a, double b) { return a < b ? a : b; }
+PLIANT_INLINE double pliant_advance_upper(double a, double b) { return a > b ? a : b; }
+
+PLIANT_INLINE void pliant_advance_box_add(pliant_advance_box *box, const double x[3])
 {
     for (int d = 0; d < 3; d++) {
         box->low[d] = pliant_advance_lower(box->low[d], x[d]);
@@ -47,7 +60,7 @@ static inline void pliant_advance_box_add(pliant_advance_box *box, const double 
 }
 
 /* Return the box around up to three nodes throughout a leg. */
-static inline pliant_advance_box pliant_advance_box_of(int count, const int32_t *node, const double *from,
+PLIANT_INLINE pliant_advance_box pliant_advance_box_of(int count, const int32_t *node, const double *from,
                                                        const double *to)
 {
     const double *first = from + 3 * (size_t)node[0];
@@ -60,7 +73,7 @@ static inline pliant_advance_box pliant_advance_box_of(int count, const int32_t 
     return out;
 }
 
-static inline bool pliant_advance_boxes_separated(const pliant_advance_box *a, const pliant_advance_box *b,
+PLIANT_INLINE bool pliant_advance_boxes_separated(const pliant_advance_box *a, const pliant_advance_box *b,
                                                   double margin)
 {
     return (a->low[0] > b->high[0] + margin) | (b->low[0] > a->high[0] + margin) | (a->low[1] > b->high[1] + margin) |

@@ -6,7 +6,7 @@
 #include "base/union_find.h"
 #include "base/vector3.h"
 #include "contact/advance/advance_rules.h"
-#include "contact/advance/advance_workspace.h"
+#include "contact/advance/self_rules.h"
 
 #include <math.h>
 #include <string.h>
@@ -112,18 +112,10 @@ void pliant_impact_zones_accelerate(pliant_impact_zones *zones, double step, con
     for (size_t i = 0; i < 3 * (size_t)num_nodes(zones); i++) zones->center[i] = 0.5 * step * step * acceleration[i];
 }
 
-/* Return a bound of the motion of two nodes relative to each other: the diagonal of the box around all motions [m]. */
+/* Return a bound of the motion of two nodes relative to each other [m]. */
 static double find_motion(const pliant_impact_zones *zones, const double *from, const double *to)
 {
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, square = 0;
-    for (int32_t n = 0; n < num_nodes(zones); n++)
-        for (size_t d = 0; d < 3; d++) {
-            const double motion = to[3 * (size_t)n + d] - from[3 * (size_t)n + d];
-            low[d] = motion < low[d] ? motion : low[d];
-            high[d] = motion > high[d] ? motion : high[d];
-        }
-    for (int d = 0; d < 3; d++) square += (high[d] - low[d]) * (high[d] - low[d]);
-    return sqrt(square);
+    return pliant_advance_relative_motion(num_nodes(zones), NULL, from, to);
 }
 
 /* ---- pairs that would come too near */

@@ -48,11 +48,15 @@ enum { PLIANT_MAX_NODE_CONTACTS = 3 /* maximum number for a node */ };
 /* Search on another device (GPU) by the same rules (tissue_rules.h). */
 typedef struct pliant_tissue pliant_tissue;
 typedef struct pliant_tissue_rule pliant_tissue_rule;
+struct pliant_advance_self;
 typedef struct pliant_tissue_searcher {
     /* Find pairs of overlapping tetrahedra (pliant_grid_take_pairs). With a rule, also compute the normals and the
      * contacts of every node. *state: NULL at first, then kept. Errors: MEMORY, UNAVAILABLE; then the CPU searches. */
     pliant_status (*search)(void **state, pliant_tissue *tissue, const double *positions,
                             const pliant_tissue_rule *rule);
+    /* Do the work of pliant_advance_audit_self with tissue->advance and tissue->exempt, at the positions of the last
+     * search. The order of the pairs can differ. Errors: MEMORY, UNAVAILABLE; then the CPU lists them. */
+    pliant_status (*list_pairs)(void *state, pliant_tissue *tissue, const struct pliant_advance_self *self);
     void (*free)(void *state); /* Nullable state */
 } pliant_tissue_searcher;
 
@@ -92,6 +96,7 @@ struct pliant_tissue {
     struct pliant_advance *advance;
     bool is_apart;             /* no node was inside tissue, and no edge crossed a triangle, in the last search */
     double listed;             /* distance up to which the advance lists all pairs [m] */
+    bool is_listed_at_start;   /* at the start of the leg */
     int32_t *triangles;        /* (num_triangles x 3) nodes */
     double *rest;              /* (fine nodes x 3) surface at rest [m] */
     uint8_t *seam;             /* (fine nodes) at a cut */
@@ -180,6 +185,8 @@ pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions,
 void pliant_tissue_set_searcher(pliant_tissue *tissue, const pliant_tissue_searcher *searcher);
 /* Search on the other device. Return whether it succeeded. rule: NULL: find pairs only */
 bool pliant_tissue_search_on_device(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
+/* List pairs on the other device, at the positions of its search. Return whether it succeeded. */
+bool pliant_tissue_list_on_device(pliant_tissue *tissue, const struct pliant_advance_self *self);
 
 /* ---- tissue_paper.c */
 /* Find the nodes of overlapping tetrahedra. overlaps: (nodes) out. Errors: MEMORY. */

@@ -117,6 +117,7 @@ pliant_status pliant_tissue_list_pairs(pliant_tissue *tissue, const double *posi
 {
     const pliant_advance_self self = self_of(tissue, tissue->seam, distance);
     tissue->listed = distance;
+    tissue->is_listed_at_start = false;
     return pliant_advance_audit_self(tissue->advance, tissue->num_triangles, tissue->triangles, positions, &self, NULL,
                                      NULL);
 }
@@ -129,8 +130,10 @@ pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *posi
     memcpy(tissue->exempt, tissue->seam, (size_t)tissue->body->fine.num_nodes);
     tissue->listed = fmax(rule->margin, rule->max_piece_motion);
     const pliant_advance_self self = self_of(tissue, tissue->seam, tissue->listed);
-    status = pliant_advance_audit_self(tissue->advance, tissue->num_triangles, tissue->triangles, positions, &self,
-                                       tissue->exempt, NULL);
+    if (!pliant_tissue_list_on_device(tissue, &self))
+        status = pliant_advance_audit_self(tissue->advance, tissue->num_triangles, tissue->triangles, positions, &self,
+                                           tissue->exempt, NULL);
+    tissue->is_listed_at_start = status == PLIANT_OK;
     mark_inside(tissue);
     if (status == PLIANT_OK && (has_cut(tissue) || rule->max_margin > 0)) add_near_nodes(tissue, positions, rule);
     return status;
@@ -256,8 +259,12 @@ pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, c
                                     const pliant_tissue_rule *rule, double *out)
 {
     const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
+    /* Mostly all pairs that can come near each other in the leg have been listed at its start. */
+    const double reach = pliant_advance_relative_motion(tissue->num_nodes, tissue->node, from, to) +
+                         pliant_advance_self_margin(rule->settings, rule->thickness);
+    tissue->is_listed_at_start = tissue->is_listed_at_start && reach <= tissue->listed;
     return pliant_advance_find_self(tissue->advance, tissue->num_triangles, tissue->triangles, from, to, &self,
-                                    tissue->threads, out);
+                                    tissue->is_listed_at_start ? reach : 0, tissue->threads, out);
 }
 
 double pliant_tissue_pair_thickness(const pliant_tissue *tissue, const pliant_tissue_rule *rule,

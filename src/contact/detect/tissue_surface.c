@@ -41,16 +41,27 @@ void pliant_tissue_set_searcher(pliant_tissue *tissue, const pliant_tissue_searc
     tissue->searcher_state = NULL;
 }
 
-bool pliant_tissue_search_on_device(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
+/* Continue on the CPU if a status of the device is an error. */
+static bool succeeds(pliant_tissue *tissue, pliant_status status)
 {
-    if (!tissue->searcher) return false;
-    if (tissue->searcher->search(&tissue->searcher_state, tissue, positions, rule) == PLIANT_OK) return true;
+    if (status == PLIANT_OK) return true;
     pliant_log(PLIANT_LOG_WARNING, "collision detection between tissue and tissue continues on the CPU: %s",
                pliant_last_error());
     const pliant_tissue_searcher *failed = tissue->searcher;
     pliant_tissue_set_searcher(tissue, NULL);
     tissue->failed = failed;
     return false;
+}
+
+bool pliant_tissue_search_on_device(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
+{
+    return tissue->searcher &&
+           succeeds(tissue, tissue->searcher->search(&tissue->searcher_state, tissue, positions, rule));
+}
+
+bool pliant_tissue_list_on_device(pliant_tissue *tissue, const pliant_advance_self *self)
+{
+    return tissue->searcher && succeeds(tissue, tissue->searcher->list_pairs(tissue->searcher_state, tissue, self));
 }
 
 void pliant_tissue_discard(pliant_tissue *tissue)
