@@ -16,7 +16,7 @@
 
 namespace {
 
-enum { THREADS = 128, GROUP = 32 /* triangles of a warp */, SCAN_THREADS = 1024, FIRST_PAIRS = 1024 };
+enum { THREADS = 128, GROUP = 32 /* triangles of a warp */, WARPS = 8 /* for each group */, SCAN_THREADS = 1024, FIRST_PAIRS = 1024 };
 
 /* Numbers of triangles pairs, of pairs, and of edges that cross a triangle. */
 struct totals { int32_t near, pairs, crossings; };
@@ -27,7 +27,7 @@ struct view {
     const int32_t *order;           /* (num_triangles) */
     pliant_advance_box *box;        /* (num_groups x GROUP) in order; empty beyond the triangles */
     pliant_advance_box *around;     /* (num_groups) */
-    int32_t *group_start;           /* (num_groups) number of triangle pairs, then the place of the first one */
+    int32_t *warp_start;            /* (num_groups x WARPS) number of triangle pairs, then the place of the first one */
     int2 *near;                     /* (max_near) pairs of triangles, as indices into order */
     uint8_t *near_count;            /* (max_near) pairs that each of them has */
     int32_t *part_start;            /* (max_near / THREADS) number of pairs, then the place of the first one */
@@ -60,14 +60,17 @@ __global__ void __launch_bounds__(THREADS) box_kernel(view v)
     if (n % GROUP == 0) v.around[n / GROUP] = box;
 }
 
-/* Test the triangles of two groups. Return the number of near pairs, to all threads of the warp.
+/* Test a group's triangles against several triangles, from n to end. Return the number of near pairs, to all threads of
+ * the warp.
+ * @param m this thread's triangle of the group, with the box `own`
+ * @param room capacity of out
  * @param out Nullable: the pairs are only counted */
-__device__ int32_t test_groups(const view &v, const pliant_advance_box &own, int32_t m, int32_t group, int32_t room,
-                               int2 *out)
+__device__ int32_t test_boxes(const view &v, const pliant_advance_box &own, int32_t m, int32_t n, int32_t end,
+                              int32_t room, int2 *out)
 {
     const unsigned before = (1u << (threadIdx.x % GROUP)) - 1;
     int32_t count = 0;
-    for (int32_t n = GROUP * group; n < GROUP * (group + 1); n++) {
+    for (; n < end; n++) {
         const bool is_near = n > m && !pliant_advance_boxes_separated(&own, v.box + n, v.search.margin);
         const unsigned near = __ballot_sync(0xffffffffu, is_near);
         const int32_t at = count + __popc(near & before);
@@ -77,23 +80,27 @@ __device__ int32_t test_groups(const view &v, const pliant_advance_box &own, int
     return count;
 }
 
-/* One warp for each group: find its near pairs with itself and with the groups after it. */
+/* Find the near pairs of each group with itself and with the groups after it. Each warp of a group tests a part of the
+ * other group. */
 template <bool writes> __global__ void __launch_bounds__(THREADS) near_kernel(view v)
 {
-    const int32_t m = (int32_t)(blockIdx.x * THREADS + threadIdx.x), group = m / GROUP, lane = m % GROUP;
+    const int32_t warp = (int32_t)(blockIdx.x * THREADS + threadIdx.x) / 32, lane = (int32_t)threadIdx.x % 32,
+                  group = warp / WARPS, part = GROUP / WARPS * (warp % WARPS), m = GROUP * group + lane;
     if (group >= v.num_groups) return;
     const pliant_advance_box own = v.box[m], around = v.around[group];
-    const int32_t start = writes ? v.group_start[group] : 0;
+    const int32_t start = writes ? v.warp_start[warp] : 0;
     int32_t count = 0;
-    for (int32_t first = group - group % GROUP; first < v.num_groups; first += GROUP) {
+    for (int32_t first = group; first < v.num_groups; first += 32) {
         const int32_t other = first + lane;
-        const bool is_near = other >= group && other < v.num_groups &&
-                             !pliant_advance_boxes_separated(&around, v.around + other, v.search.margin);
-        for (unsigned near = __ballot_sync(0xffffffffu, is_near); near != 0; near &= near - 1)
-            count += test_groups(v, own, m, first + __ffs((int)near) - 1, v.max_near - start - count,
-                                 writes ? v.near + start + count : nullptr);
+        const bool is_near =
+            other < v.num_groups && !pliant_advance_boxes_separated(&around, v.around + other, v.search.margin);
+        for (unsigned near = __ballot_sync(0xffffffffu, is_near); near != 0; near &= near - 1) {
+            const int32_t n = GROUP * (first + __ffs((int)near) - 1) + part;
+            count += test_boxes(v, own, m, n, n + GROUP / WARPS, v.max_near - start - count,
+                                writes ? v.near + start + count : nullptr);
+        }
     }
-    if (!writes && lane == 0) v.group_start[group] = count;
+    if (!writes && lane == 0) v.warp_start[warp] = count;
 }
 
 /* One block: replace counts by the sums of the counts before them. total: out */
@@ -179,7 +186,7 @@ extern "C" void gpu_self_pairs_free(gpu_self_pairs *pairs)
     if (!pairs) return;
     view *v = &pairs->v;
     pliant_cuda_release(pairs->d_order, pairs->d_triangles, pairs->d_piece, pairs->d_owns, pairs->d_exempt,
-                        pairs->d_crossing, v->box, v->around, v->group_start, v->near, v->near_count, v->part_start,
+                        pairs->d_crossing, v->box, v->around, v->warp_start, v->near, v->near_count, v->part_start,
                         v->pair, v->found);
     pliant_cuda_release_host(pairs->h_found, pairs->h_pair, pairs->h_crossing);
     pliant_free(pairs);
@@ -243,7 +250,7 @@ static pliant_status prepare(gpu_self_pairs *pairs, const pliant_advance_tree *t
     const size_t groups = (size_t)v->num_groups;
     CUDA_TRY(pliant_cuda_allocate(GROUP * groups * sizeof *v->box, what, &v->box));
     CUDA_TRY(pliant_cuda_allocate(groups * sizeof *v->around, what, &v->around));
-    CUDA_TRY(pliant_cuda_allocate(groups * sizeof *v->group_start, what, &v->group_start));
+    CUDA_TRY(pliant_cuda_allocate(WARPS * groups * sizeof *v->warp_start, what, &v->warp_start));
     CUDA_TRY(pliant_cuda_allocate(sizeof *v->found, what, &v->found));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof *pairs->h_found, what, &pairs->h_found));
     CUDA_TRY(pliant_cuda_allocate_host((size_t)pairs->num_nodes, what, &pairs->h_crossing));
@@ -266,18 +273,19 @@ extern "C" pliant_status gpu_self_pairs_create(const pliant_advance_tree *tree, 
 static pliant_status enqueue(gpu_self_pairs *pairs, cudaStream_t stream)
 {
     const view &v = pairs->v;
-    const unsigned groups = blocks_for(GROUP * v.num_groups, THREADS);
+    const unsigned boxes = blocks_for(GROUP * v.num_groups, THREADS),
+                   warps = blocks_for(32 * WARPS * v.num_groups, THREADS);
     const int32_t parts = (v.max_near + THREADS - 1) / THREADS;
     const unsigned blocks = (unsigned)std::min(parts, pairs->blocks);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(v.found, 0, sizeof *v.found, stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(pairs->d_crossing, 0, (size_t)pairs->num_nodes, stream)));
-    box_kernel<<<groups, THREADS, 0, stream>>>(v);
+    box_kernel<<<boxes, THREADS, 0, stream>>>(v);
     CUDA_TRY(CUDA_LAUNCHED("box_kernel"));
-    near_kernel<false><<<groups, THREADS, 0, stream>>>(v);
+    near_kernel<false><<<warps, THREADS, 0, stream>>>(v);
     CUDA_TRY(CUDA_LAUNCHED("near_kernel"));
-    scan_kernel<<<1, SCAN_THREADS, 0, stream>>>(v.num_groups, v.group_start, &v.found->near);
+    scan_kernel<<<1, SCAN_THREADS, 0, stream>>>(WARPS * v.num_groups, v.warp_start, &v.found->near);
     CUDA_TRY(CUDA_LAUNCHED("scan_kernel"));
-    near_kernel<true><<<groups, THREADS, 0, stream>>>(v);
+    near_kernel<true><<<warps, THREADS, 0, stream>>>(v);
     CUDA_TRY(CUDA_LAUNCHED("near_kernel"));
     count_kernel<<<blocks, THREADS, 0, stream>>>(v);
     CUDA_TRY(CUDA_LAUNCHED("count_kernel"));

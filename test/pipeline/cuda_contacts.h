@@ -392,8 +392,8 @@ struct Searches {
             pairs[k].assign(of[k].advance->self, of[k].advance->self + of[k].advance->num_self);
             std::sort(pairs[k].begin(), pairs[k].end(),
                       [](const pliant_advance_self_pair &a, const pliant_advance_self_pair &b) {
-                          return std::make_tuple(a.is_edges, a.feature[0], a.feature[1]) <
-                                 std::make_tuple(b.is_edges, b.feature[0], b.feature[1]);
+                          return std::make_tuple(a.is_edges, a.feature[0], a.feature[1], a.node[0]) <
+                                 std::make_tuple(b.is_edges, b.feature[0], b.feature[1], b.node[0]);
                       });
         }
         const bool same =

@@ -225,6 +225,7 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
     }
     pliant_cross3(u, w, side);
     const double gap = pliant_length3(normal), thickness = pliant_advance_thickness(self, pair->node, true);
+    if (!(thickness > 0)) return PLIANT_OK;
     /* nodes touch parallel edges, and flat edges before they are as near as this */
     const bool is_near = gap < view->settings.advance_stop * thickness;
     if (!can_touch(view, pair, cut || is_close(&view->rule, gap, thickness))) return PLIANT_OK;
@@ -248,7 +249,7 @@ pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *po
     const pliant_advance *advance = tissue->advance;
     pliant_status status = PLIANT_OK;
     for (int32_t n = 0; rule->thickness > 0 && n < advance->num_self && status == PLIANT_OK; n++)
-        if (advance->self[n].is_edges && pliant_advance_thickness(&self, advance->self[n].node, true) > 0)
+        if (advance->self[n].is_edges)
             status = append_pair(&view, &self, has_cut(tissue), advance->self + n, out);
     return status;
 }
