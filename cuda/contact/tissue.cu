@@ -14,7 +14,7 @@
 
 namespace {
 
-enum { THREADS = 64 };
+enum { THREADS = 64, WARP = 32 };
 
 /* Contacts of one node. */
 struct found { int32_t index, count; pliant_node_contact node_contacts[PLIANT_MAX_NODE_CONTACTS]; };
@@ -45,7 +45,35 @@ __global__ void __launch_bounds__(THREADS) normal_kernel(pliant_tissue_view on, 
     if (s < count) pliant_tissue_set_normal(&on, s);
 }
 
-/* Test the triangles of all tetrahedra whose boxes contain a node, in the CPU's order. */
+/* Return the next tetrahedron after `last` whose box contains a point, of one list of the grid, or INT32_MAX. Each
+ * thread of the warp tests a part of the list. */
+__device__ int32_t next_around(const overlaps::view &v, const double *point, uint32_t list, unsigned long long key,
+                               int32_t last)
+{
+    const int32_t end = v.start[list] + v.length[list];
+    int32_t next = INT32_MAX;
+    for (int32_t k = v.start[list] + (int32_t)threadIdx.x % WARP; k < end; k += WARP) {
+        const int32_t i = v.entries[k].tet;
+        if (i > last && i < next && v.entries[k].cell == key &&
+            pliant_tissue_is_in_box(point, v.box[i].low, v.box[i].high))
+            next = i;
+    }
+    for (int lanes = WARP / 2; lanes > 0; lanes /= 2) next = min(next, __shfl_xor_sync(0xffffffffu, next, lanes));
+    return next;
+}
+
+/* Test one triangle with each thread of the warp, and add the contacts in the order of the threads. triangle: -1: none */
+__device__ void try_triangles(const pliant_tissue_view &on, int32_t index, int32_t triangle)
+{
+    pliant_node_contact one;
+    const bool touches = triangle >= 0 && pliant_tissue_test_triangle(&on, index, triangle, &one);
+    for (unsigned left = __ballot_sync(0xffffffffu, touches); left != 0; left &= left - 1) {
+        if ((int)threadIdx.x % WARP == __ffs((int)left) - 1) pliant_tissue_add_contact(&on, index, &one);
+        __syncwarp();
+    }
+}
+
+/* Test the triangles of all tetrahedra whose boxes contain a node, in the CPU's order, with one warp. */
 __device__ void look_around(const pliant_tissue_view &on, const overlaps::view &v, int32_t index)
 {
     const double *point = pliant_tissue_position(&on, on.node[index]), side = v.now->side;
@@ -54,29 +82,32 @@ __device__ void look_around(const pliant_tissue_view &on, const overlaps::view &
                              overlaps::cell_of(side, point[2])};
     const uint32_t list = overlaps::hash_of(v, cell[0], cell[1], cell[2]);
     const unsigned long long key = overlaps::key_of(cell[0], cell[1], cell[2]);
-    for (int32_t last = -1;;) {
-        int32_t next = INT32_MAX;
-        for (int32_t k = v.start[list]; k < v.start[list] + v.length[list]; k++) {
-            const int32_t i = v.entries[k].tet;
-            if (i > last && i < next && v.entries[k].cell == key &&
-                pliant_tissue_is_in_box(point, v.box[i].low, v.box[i].high))
-                next = i;
+    int32_t own = -1, count = 0; /* triangles that wait: each thread's own one, and their number */
+    for (int32_t tet = -1; tet < INT32_MAX;) {
+        tet = next_around(v, point, list, key, tet);
+        const bool ends = tet == INT32_MAX;
+        const int32_t first = ends ? 0 : on.triangle_start[tet], number = ends ? 0 : on.triangle_start[tet + 1] - first;
+        if (ends || count + number > WARP) {
+            try_triangles(on, index, own);
+            own = -1;
+            count = 0;
         }
-        if (next == INT32_MAX) return;
-        for (int32_t s = on.triangle_start[next]; s < on.triangle_start[next + 1]; s++)
-            pliant_tissue_try_triangle(&on, index, s);
-        last = next;
+        const int32_t place = (int32_t)threadIdx.x % WARP - count;
+        if (place >= 0 && place < number) own = first + place;
+        count += number;
     }
 }
 
-/* One thread for each node. */
+/* One warp for each node. */
 __global__ void __launch_bounds__(THREADS)
     node_kernel(pliant_tissue_view on, overlaps::view v, int32_t count, found *d_found, int32_t *d_num_found)
 {
-    const int32_t index = (int32_t)(blockIdx.x * THREADS + threadIdx.x);
+    const int32_t index = (int32_t)(blockIdx.x * THREADS + threadIdx.x) / WARP, lane = (int32_t)threadIdx.x % WARP;
     if (index >= count || !overlaps::are_whole(v)) return;
-    on.count[index] = 0;
+    if (lane == 0) on.count[index] = 0;
+    __syncwarp();
     look_around(on, v, index);
+    if (lane != 0) return;
     pliant_tissue_try_last(&on, index);
     if (on.count[index] == 0) return;
     found *out = d_found + atomicAdd(d_num_found, 1); /* the order varies, but each result names its node */
@@ -196,7 +227,7 @@ pliant_status enqueue(void *context, gpu_overlaps *of)
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_num_found, 0, sizeof *gpu->d_num_found, gpu->stream)));
     normal_kernel<<<blocks_for(gpu->num_triangles), THREADS, 0, gpu->stream>>>(gpu->view, gpu->num_triangles);
     CUDA_TRY(CUDA_LAUNCHED("normal_kernel"));
-    node_kernel<<<blocks_for(gpu->num_nodes), THREADS, 0, gpu->stream>>>(
+    node_kernel<<<blocks_for(WARP * gpu->num_nodes), THREADS, 0, gpu->stream>>>(
         gpu->view, gpu_overlaps_view(of), gpu->num_nodes, gpu->d_found, gpu->d_num_found);
     CUDA_TRY(CUDA_LAUNCHED("node_kernel"));
     CUDA_TRY(CUDA_CALL(

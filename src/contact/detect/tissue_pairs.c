@@ -215,6 +215,9 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
                                  const pliant_advance_self_pair *pair, pliant_contacts *out)
 {
     double x[4][3], s, t, normal[3], u[3], w[3], side[3];
+    /* nodes touch parallel edges, and flat edges before they are as near as this */
+    const double near = view->settings.advance_stop * view->rule.thickness;
+    if (pair->limit >= near && (is_flat(view, pair->feature[0]) || is_flat(view, pair->feature[1]))) return PLIANT_OK;
     for (int c = 0; c < 4; c++) memcpy(x[c], pliant_tissue_position(view, pair->node[c]), sizeof x[c]);
     pliant_advance_closest_on_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &t);
     if (!(s > 0 && s < 1 && t > 0 && t < 1)) return PLIANT_OK;
@@ -226,7 +229,6 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
     pliant_cross3(u, w, side);
     const double gap = pliant_length3(normal), thickness = pliant_advance_thickness(self, pair->node, true);
     if (!(thickness > 0)) return PLIANT_OK;
-    /* nodes touch parallel edges, and flat edges before they are as near as this */
     const bool is_near = gap < view->settings.advance_stop * thickness;
     if (!can_touch(view, pair, cut || is_close(&view->rule, gap, thickness))) return PLIANT_OK;
     if (!(gap > 0) || !(pliant_dot3(side, side) > PLIANT_TISSUE_PARALLEL * pliant_dot3(u, u) * pliant_dot3(w, w)))

@@ -226,28 +226,33 @@ PLIANT_INLINE void pliant_tissue_add_contact(const pliant_tissue_view *on, int32
     list[at] = *one;
 }
 
-/* Test a node against a triangle, and add a contact if there is one. */
-PLIANT_INLINE void pliant_tissue_try_triangle(const pliant_tissue_view *on, int32_t index, int32_t triangle)
+/* Test a node against a triangle. Return whether there is a contact. */
+PLIANT_INLINE bool pliant_tissue_test_triangle(const pliant_tissue_view *on, int32_t index, int32_t triangle,
+                                               pliant_node_contact *one)
 {
     const int32_t node = on->node[index], tet = on->triangle[triangle].tet;
     const double *point = pliant_tissue_position(on, node);
-    pliant_node_contact one;
-    one.triangle = triangle;
-    one.depth = 0;
-    if (!pliant_tissue_project(on, triangle, point, one.weight, &one.gap) ||
-        !(one.gap <= pliant_tissue_margin_of(on, node, triangle)))
-        return;
-    const double minimum = fmin(one.weight[0], fmin(one.weight[1], one.weight[2]));
+    one->triangle = triangle;
+    one->depth = 0;
+    if (!pliant_tissue_project(on, triangle, point, one->weight, &one->gap) ||
+        !(one->gap <= pliant_tissue_margin_of(on, node, triangle)))
+        return false;
+    const double minimum = fmin(one->weight[0], fmin(one->weight[1], one->weight[2]));
     /* tolerance for the triangle of the previous contact, so that the contact does not change with every step */
     const double border = on->settings.self_border;
-    const bool holds = on->last[index] == triangle && one.gap > -border * on->shortest;
-    if (minimum < (holds ? -border : -PLIANT_TISSUE_BORDER)) return;
-    if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, triangle)) return;
-    if (one.gap < 0) {
-        const int32_t holder = pliant_tissue_walk(on, tet, point);
-        if (holder < 0 ? minimum >= -PLIANT_TISSUE_BORDER : pliant_tissue_is_near(on, index, holder)) return;
-    }
-    pliant_tissue_add_contact(on, index, &one);
+    const bool holds = on->last[index] == triangle && one->gap > -border * on->shortest;
+    if (minimum < (holds ? -border : -PLIANT_TISSUE_BORDER)) return false;
+    if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, triangle)) return false;
+    if (!(one->gap < 0)) return true;
+    const int32_t holder = pliant_tissue_walk(on, tet, point);
+    return holder < 0 ? minimum < -PLIANT_TISSUE_BORDER : !pliant_tissue_is_near(on, index, holder);
+}
+
+/* Test a node against a triangle, and add a contact if there is one. */
+PLIANT_INLINE void pliant_tissue_try_triangle(const pliant_tissue_view *on, int32_t index, int32_t triangle)
+{
+    pliant_node_contact one;
+    if (pliant_tissue_test_triangle(on, index, triangle, &one)) pliant_tissue_add_contact(on, index, &one);
 }
 
 /* Walk over adjacent triangles to the triangle below a point. */
