@@ -16,9 +16,15 @@
 
 namespace {
 
-enum { THREADS = 128, GROUP = 32 /* triangles of a warp */, WARPS = 8 /* for each group */, SCAN_THREADS = 1024, FIRST_PAIRS = 1024 };
+enum {
+    THREADS = 128,
+    GROUP = 32 /* triangles, one for each thread of a warp */,
+    WARPS = 8 /* for each group */,
+    SCAN_THREADS = 1024,
+    FIRST_PAIRS = 1024
+};
 
-/* Numbers of triangles pairs, of pairs, and of edges that cross a triangle. */
+/* Numbers of pairs of triangles, of pairs, and of edges that cross a triangle. */
 struct totals { int32_t near, pairs, crossings; };
 
 /* Pointers are device pointers. */
@@ -220,8 +226,8 @@ static pliant_status send_triangles(gpu_self_pairs *pairs, const pliant_advance_
     const size_t triangles = (size_t)tree->num_triangles, nodes = (size_t)pairs->num_nodes;
     const char *what = pairs_of_surface;
     CUDA_TRY(pliant_cuda_upload(tree->order, triangles * sizeof *tree->order, what, stream, &pairs->d_order));
-    CUDA_TRY(
-        pliant_cuda_upload(tree->triangles, 3 * triangles * sizeof *tree->triangles, what, stream, &pairs->d_triangles));
+    CUDA_TRY(pliant_cuda_upload(tree->triangles, 3 * triangles * sizeof *tree->triangles, what, stream,
+                                &pairs->d_triangles));
     CUDA_TRY(pliant_cuda_upload(tree->owns, triangles, what, stream, &pairs->d_owns));
     CUDA_TRY(pliant_cuda_upload(exempt, nodes, what, stream, &pairs->d_exempt));
     if (piece) CUDA_TRY(pliant_cuda_upload(piece, nodes * sizeof *piece, what, stream, &pairs->d_piece));
@@ -254,7 +260,7 @@ static pliant_status prepare(gpu_self_pairs *pairs, const pliant_advance_tree *t
     CUDA_TRY(pliant_cuda_allocate(sizeof *v->found, what, &v->found));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof *pairs->h_found, what, &pairs->h_found));
     CUDA_TRY(pliant_cuda_allocate_host((size_t)pairs->num_nodes, what, &pairs->h_crossing));
-    return reserve_pairs(pairs, 32 * v->num_triangles + THREADS, 8 * v->num_triangles + THREADS);
+    return reserve_pairs(pairs, 16 * v->num_triangles + THREADS, 4 * v->num_triangles + THREADS);
 }
 
 extern "C" pliant_status gpu_self_pairs_create(const pliant_advance_tree *tree, int32_t num_nodes,

@@ -62,7 +62,7 @@ __device__ int32_t next_around(const overlaps::view &v, const double *point, uin
     return next;
 }
 
-/* Test one triangle with each thread of the warp, and add the contacts in the order of the threads. triangle: -1: none */
+/* Test one triangle with each thread of the warp (-1: none), and add the contacts in the order of the threads. */
 __device__ void try_triangles(const pliant_tissue_view &on, int32_t index, int32_t triangle)
 {
     pliant_node_contact one;

@@ -13,8 +13,8 @@ typedef struct pliant_advance_self_search {
     const uint8_t *owns;      /* (triangles) as in pliant_advance_tree */
     const double *from, *to;  /* (nodes x 3) positions at both ends of the leg [m] */
     pliant_advance_self self;
-    double margin;            /* pairs that stay farther apart are left out [m] */
-    uint8_t *crossing;        /* Nullable, (nodes): set to 1 for the nodes of edges and triangles that cross */
+    double margin;     /* pairs that stay farther apart are left out [m] */
+    uint8_t *crossing; /* Nullable, (nodes): set to 1 for the nodes of edges and triangles that cross */
 } pliant_advance_self_search;
 
 /* Pairs that are found. Pairs beyond the capacity are only counted. */
@@ -148,7 +148,7 @@ PLIANT_INLINE bool pliant_segment_crosses_triangle(const double *const corner[3]
 
 /* Test the edges that triangle a owns for passing through triangle b. */
 PLIANT_INLINE void pliant_advance_try_crossing_edges(const pliant_advance_self_search *on, int32_t a, int32_t b,
-                                                const pliant_advance_box *box, pliant_advance_self_list *out)
+                                                     const pliant_advance_box *box, pliant_advance_self_list *out)
 {
     const int32_t *of = on->triangles + 3 * (size_t)a, *triangle = on->triangles + 3 * (size_t)b;
     for (int k = 0; k < 3; k++) {
@@ -167,8 +167,8 @@ PLIANT_INLINE void pliant_advance_try_crossing_edges(const pliant_advance_self_s
     }
 }
 
-/* Count the edges of two triangles that pass through the other one at the start of the leg, and mark their nodes. boxes:
- * of the triangles throughout the leg */
+/* Count the edges of two triangles that pass through the other triangle at the start of the leg, and mark their nodes.
+ * boxes: of the triangles throughout the leg */
 PLIANT_INLINE void pliant_advance_try_crossings(const pliant_advance_self_search *on, int32_t a, int32_t b,
                                                 const pliant_advance_box *const boxes[2],
                                                 pliant_advance_self_list *out)
