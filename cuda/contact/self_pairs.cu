@@ -1,6 +1,6 @@
-/* The surface against itself: groups of 32 triangles that are neighbors in the tree, then pairs of triangles whose
- * boxes are near each other, then pairs of nodes and triangles and of edges. Each list is counted, its parts get their
- * places by a prefix sum, and then it is written. So the order does not vary. */
+/* The surface against itself. Groups of 32 triangles are adjacent in the tree. Near groups are found first, then pairs
+ * of triangles whose boxes are near each other, then pairs of nodes and triangles and pairs of edges. Each list is
+ * counted, a prefix sum computes where its parts start, and then it is written. So the order does not vary. */
 #include "cuda/contact/self_pairs.h"
 
 #include "base/buffer.h"
@@ -33,10 +33,10 @@ struct view {
     const int32_t *order;           /* (num_triangles) */
     pliant_advance_box *box;        /* (num_groups x GROUP) in order; empty beyond the triangles */
     pliant_advance_box *around;     /* (num_groups) */
-    int32_t *warp_start;            /* (num_groups x WARPS) number of triangle pairs, then the place of the first one */
+    int32_t *warp_start;            /* (num_groups x WARPS) number of triangle pairs, then their start */
     int2 *near;                     /* (max_near) pairs of triangles, as indices into order */
     uint8_t *near_count;            /* (max_near) pairs that each of them has */
-    int32_t *part_start;            /* (max_near / THREADS) number of pairs, then the place of the first one */
+    int32_t *part_start;            /* (max_near / THREADS) number of pairs, then their start */
     pliant_advance_self_pair *pair; /* (max_pairs) */
     int32_t max_near, max_pairs;
     totals *found;

@@ -93,7 +93,7 @@ PLIANT_INLINE void pliant_advance_try_nodes(const pliant_advance_self_search *on
     }
 }
 
-/* Test the edges that triangle a owns against those of triangle b. */
+/* Test the edges that triangle a owns against the edges that triangle b owns. */
 PLIANT_INLINE void pliant_advance_try_edges(const pliant_advance_self_search *on, int32_t a, int32_t b,
                                             const pliant_advance_box *box, pliant_advance_self_list *out)
 {
