@@ -93,7 +93,8 @@ typedef struct pliant_advance_self {
 /* Compute the largest fraction of a leg in which the surface does not pass through itself. Otherwise as
  * pliant_advance_find.
  * @param listed 0, or a distance up to which the last audit has listed all pairs at `from`. It must be at least the
- *   relative motion in the leg plus pliant_advance_self_margin. Then only listed pairs are tested, and the list stays [m]
+ *   relative motion in the leg plus pliant_advance_self_margin. Then only listed pairs are tested, and the list
+ *   stays [m]
  * Errors: MEMORY (fraction is not written). */
 pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                        const double *from, const double *to, const pliant_advance_self *self,

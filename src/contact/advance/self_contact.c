@@ -236,8 +236,8 @@ static pliant_status list_leg(pliant_advance *advance, int32_t num_triangles, co
     return find_pairs(&on, advance, crossings);
 }
 
-/* Make the first iteration of all pairs nearer than a distance, and sort the pairs that may shorten the leg. Return their
- * number. */
+/* Make the first iteration of all pairs nearer than a distance, and sort the pairs that may shorten the leg. Return the
+ * number of sorted pairs. */
 static int32_t begin_pairs(pliant_advance *advance, const leg *on, double distance, int num_threads)
 {
     const int threads = pliant_threads_or_cores(num_threads);
