@@ -147,13 +147,19 @@ static pliant_tool_pose pose_behind_target(const pliant_tool *tool, const pliant
     return out;
 }
 
-/* Change the missing compliance only by a fraction of the change from the previous leg's. */
-static void smooth_missing_compliance(double follow, double before, pliant_missing_depth *missing)
+/* Change the missing compliance only by a fraction of the change from the previous leg's. On coarse cells the contact
+ * points change with it, so that it can alternate. Each alternation halves the fraction, and every other leg increases
+ * it by 20 % (Rprop: Riedmiller and Braun, IEEE Int. Conf. Neural Networks, 1993). */
+static void smooth_missing_compliance(double most, const pliant_missing_depth *before, pliant_missing_depth *missing)
 {
-    if (!(before > 0) || !(missing->compliance > 0)) return;
-    const double ratio = follow + (1 - follow) * before / missing->compliance;
+    missing->follow = most;
+    if (!(before->compliance > 0) || !(missing->compliance > 0)) return;
+    const double direction = missing->compliance > before->compliance ? 1 : -1,
+                 follow = fmin(most, fabs(before->follow) * (direction * before->follow < 0 ? 0.5 : 1.2)),
+                 ratio = follow + (1 - follow) * before->compliance / missing->compliance;
     missing->compliance *= ratio;
     missing->jaw_compliance *= ratio;
+    missing->follow = direction * follow;
 }
 
 /* Linearize the coupling of a tool for a goal, with the compliances that this leg adds. longest: maximum predicted
@@ -193,8 +199,7 @@ static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
         pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
         status =
             pliant_missing_compliance(data, t, &leg->begin, &leg->measured, &data->legs->node_loads, &leg->missing);
-        smooth_missing_compliance(model->contact.missing_follow, data->tools[t].proxy.missing.compliance,
-                                  &leg->missing);
+        smooth_missing_compliance(model->contact.missing_follow, &data->tools[t].proxy.missing, &leg->missing);
         data->tools[t].proxy.missing = leg->missing;
         if (data->tled)
             pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before,

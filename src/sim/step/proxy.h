@@ -25,9 +25,9 @@ void pliant_tool_joint(const pliant_tool *tool, const pliant_tool_pose *pose, do
 /* Compute the load on a proxy at a pose, from the forces of the contact points. */
 void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool_pose *pose, pliant_proxy_load *out);
 /* Linearize the coupling for one leg: of the tool about its tip, and of the jaws about their joint. The
- * linearization point is where the coupling yields to the load of the previous leg, or before it. Near a force limit the coupling
- * is softened, so that its load stays below the limit. The limits are contact/max_force at the tip, the same force
- * at the tool's farthest point, and contact/grip_torque.
+ * linearization point is where the coupling yields to the load of the previous leg, or before it. Near a force limit
+ * the coupling is softened, so that its load stays below the limit. The limits are contact/max_force at the tip, the
+ * same force at the tool's farthest point, and contact/grip_torque.
  * The added compliance is the sum of pliant_proxy_compliance and pliant_missing_compliance.
  * @param goal desired pose at the end of the leg
  * @param yields pliant_proxy_estimate_tissue_compliance; 0: unknown
