@@ -202,18 +202,23 @@ static void add_point(const pliant_contact_point *point, pressed_part *of)
 {
     const pliant_body *body = of->data->body;
     const double size = pliant_length3(point->force);
-    double rest[3], weight[4];
+    double rest[3], inside[3], weight[4];
     of->sum += size;
     for (int d = 0; d < 3; d++) {
         of->force[d] += point->force[d];
         of->middle[d] += size * point->place[d];
         of->outward[d] += size * point->normal[d];
     }
-    const double *cell = of->mesh->cell_size, volume = cell[0] * cell[1] * cell[2];
+    const double *cell = of->mesh->cell_size, volume = cell[0] * cell[1] * cell[2], *fine = body->fine.cell_size,
+                 half = 0.5 * fmin(fine[0], fmin(fine[1], fine[2]));
     of->cell += size * (of->mesh->num_leaves > 0 ? fmax(volume, point->area * sqrt(point->area)) : volume);
     pliant_contact_force_position(body->fine.rest, point, rest);
-    for (int d = 0; d < 3; d++) of->rest[d] += size * rest[d];
-    const int32_t tet = pliant_mesh_locate(&body->fine, rest, weight);
+    /* Half a cell below the surface: on it, rounding decides between elements with tissue and elements with air. */
+    for (int d = 0; d < 3; d++) {
+        of->rest[d] += size * rest[d];
+        inside[d] = rest[d] + half * point->normal[d];
+    }
+    const int32_t tet = pliant_mesh_locate(&body->fine, inside, weight);
     if (tet < 0) return;
     const pliant_tet_material *material = body->fine_material + tet;
     const double lambda = material->lambda, mu = material->mu;
