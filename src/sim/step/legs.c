@@ -26,6 +26,9 @@ enum {
 };
 /* fraction of a leg that is free: the rest is shorter than the distance that all pairs keep */
 static const double nearly_all = 1 - 1e-6;
+/* factors for the change of the missing compliance: after a change in the other direction, and in the same one (Rprop:
+ * Riedmiller and Braun, IEEE Int. Conf. Neural Networks, 1993) */
+static const double after_alternation = 0.5, after_agreement = 1.2;
 
 static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
 
@@ -148,14 +151,14 @@ static pliant_tool_pose pose_behind_target(const pliant_tool *tool, const pliant
 }
 
 /* Change the missing compliance only by a fraction of the change from the previous leg's. On coarse cells the contact
- * points change with it, so that it can alternate. Each alternation halves the fraction, and every other leg increases
- * it by 20 % (Rprop: Riedmiller and Braun, IEEE Int. Conf. Neural Networks, 1993). */
+ * points change with it, so that it can alternate. Each alternation reduces the fraction. */
 static void smooth_missing_compliance(double most, const pliant_missing_depth *before, pliant_missing_depth *missing)
 {
     missing->follow = most;
     if (!(before->compliance > 0) || !(missing->compliance > 0)) return;
     const double direction = missing->compliance > before->compliance ? 1 : -1,
-                 follow = fmin(most, fabs(before->follow) * (direction * before->follow < 0 ? 0.5 : 1.2)),
+                 factor = direction * before->follow < 0 ? after_alternation : after_agreement,
+                 follow = fmin(most, factor * fabs(before->follow)),
                  ratio = follow + (1 - follow) * before->compliance / missing->compliance;
     missing->compliance *= ratio;
     missing->jaw_compliance *= ratio;
