@@ -151,14 +151,17 @@ static pliant_tool_pose pose_behind_target(const pliant_tool *tool, const pliant
 }
 
 /* Change the missing compliance only by a fraction of the change from the previous leg's. On coarse cells the contact
- * points change with it, so that it can alternate. Each alternation reduces the fraction. */
-static void smooth_missing_compliance(double most, const pliant_missing_depth *before, pliant_missing_depth *missing)
+ * points change with it, so that it can alternate. Each alternation reduces the fraction, so that tools at rest come to
+ * rest. It is not below the target's remaining motion as a fraction of the missing depth. */
+static void smooth_missing_compliance(double most, double motion, double force, const pliant_missing_depth *before,
+                                      pliant_missing_depth *missing)
 {
     missing->follow = most;
     if (!(before->compliance > 0) || !(missing->compliance > 0)) return;
-    const double direction = missing->compliance > before->compliance ? 1 : -1,
+    const double direction = missing->compliance > before->compliance ? 1 : -1, depth = before->compliance * force,
                  factor = direction * before->follow < 0 ? after_alternation : after_agreement,
-                 follow = fmin(most, factor * fabs(before->follow)),
+                 moved = motion < most * depth ? motion / depth : most,
+                 follow = fmin(most, fmax(moved, factor * fabs(before->follow))),
                  ratio = follow + (1 - follow) * before->compliance / missing->compliance;
     missing->compliance *= ratio;
     missing->jaw_compliance *= ratio;
@@ -202,7 +205,10 @@ static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
         pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
         status =
             pliant_missing_compliance(data, t, &leg->begin, &leg->measured, &data->legs->node_loads, &leg->missing);
-        smooth_missing_compliance(model->contact.missing_follow, &data->tools[t].proxy.missing, &leg->missing);
+        const pliant_tool_pose *unloaded = &data->tools[t].proxy.unloaded;
+        smooth_missing_compliance(
+            model->contact.missing_follow, pliant_tool_max_motion(data->tools + t, unloaded, &leg->measured),
+            pliant_length3(leg->before.wrench), &data->tools[t].proxy.missing, &leg->missing);
         data->tools[t].proxy.missing = leg->missing;
         if (data->tled)
             pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before,
