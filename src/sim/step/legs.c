@@ -184,10 +184,12 @@ static void linearize(const pliant_model *model, const pliant_data *data, int t,
                            ahead, couple, limit);
 }
 
-/* Return the maximum motion of a loaded proxy in a leg [m]. */
-static double longest_of(const pliant_data *data)
+/* Return the maximum motion of a proxy in a leg [m], which limits proxies with a load: twice the maximum distance. The
+ * load of an inaccurate solution can move it much farther. */
+static double longest_of(const pliant_data *data, const pliant_proxy_load *load)
 {
-    return data->tled ? INFINITY : 2 * pliant_contact_leg_distance(data);
+    const bool is_loaded = pliant_length3(load->wrench) > 0 || load->jaw != 0;
+    return is_loaded && !data->tled ? 2 * pliant_contact_leg_distance(data) : INFINITY;
 }
 
 /* Save the proxies' poses and loads at the start of a leg. In explicit dynamics, the load is the mean over about one
@@ -310,7 +312,7 @@ static void set_goal(const pliant_model *model, pliant_data *data, int t, double
                                         : fmin(fraction, fraction_of(model, data, t, false));
     leg->goal = leg->unloaded = pliant_tool_pose_between(&leg->from, &leg->behind, own);
     for (int k = 0; k < 3; k++) leg->yields[k] *= data->fraction; /* as far in a step, however many legs it has */
-    linearize(model, data, t, &leg->goal, longest_of(data), &leg->ahead, data->legs->proxy + 2 * t,
+    linearize(model, data, t, &leg->goal, longest_of(data, &leg->before), &leg->ahead, data->legs->proxy + 2 * t,
               data->legs->limit + 3 * t);
     if (data->tled) leg->goal = leg->ahead;
 }
@@ -344,14 +346,13 @@ static void freeze_background(pliant_data *data)
         data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
 }
 
-/* Return the fraction of the leg at which a loaded proxy has moved by twice the maximum distance. The load of an
- * inaccurate solution can move it much farther. */
+/* Return the fraction of the leg at which a loaded proxy has made its maximum motion. */
 static double fraction_of_yield(const pliant_data *data, int t, const pliant_proxy_load *load)
 {
     const pliant_leg_tool *leg = data->legs->tool + t;
-    const double maximum = longest_of(data),
+    const double maximum = longest_of(data, load),
                  motion = pliant_tool_max_motion(data->tools + t, &leg->begin, &leg->goal);
-    return motion > maximum && (pliant_length3(load->wrench) > 0 || load->jaw != 0) ? maximum / motion : 1;
+    return motion > maximum ? maximum / motion : 1;
 }
 
 /* Move a load towards another one by this fraction. */
