@@ -146,8 +146,6 @@ const std::set<std::string> numerical = {
     "sim/step/cut.c max_chord_error",
     "sim/step/cut.c min_motion",
     "sim/step/cut.c overlap_distance",
-    "sim/step/legs.c after_agreement",
-    "sim/step/legs.c after_alternation",
     "sim/step/legs.c nearly_all",
     "sim/step/missing_compliance.c depth_exponent",
     "sim/step/missing_compliance.c exact_length",

@@ -179,7 +179,7 @@ extern "C" {
             "punch +1.4 to +6.4 %; hexahedra 19 forces vary by up to 3.77 %, sphere -0.9 to +13.7 %, punch -0.1 to "   \
             "+4.5 %; sweeps: the same")                                                                                \
     SETTING(double, missing_follow, 0.5, "change",                                                                     \
-            "How far the missing compliance changes from leg to leg, at most.",                                        \
+            "How far the missing compliance changes from leg to leg.",                                                 \
             "On coarse cells the contact points change with it, so that the whole change overshoots.",                 \
             "jaws: 232 evaluations, 0.545 N, 1.47 mm behind; rest: linear 43 forces vary by up to 7.47 %, sphere "     \
             "-1.2 to +5.9 %, punch +1.8 to +6.9 %; soft: 188 evaluations, 60 steps end early, 1.35 mm behind; "        \

@@ -60,7 +60,6 @@ enum { PLIANT_RESOLVED_CELLS = 2 }; /* a contact of a smaller radius has an inac
 typedef struct pliant_missing_depth {
     double compliance, jaw_compliance; /* depth over the force [m/N]; the same of the jaws [rad/(N m)] */
     double fraction;                   /* depth over the depth of the whole dimple. 1: it is unknown */
-    double follow;                     /* fraction of its change in the last leg; negative: it decreased */
     double cells;                      /* radius of the narrowest contact over the cell size. 0: it is unknown */
 } pliant_missing_depth;
 

@@ -283,7 +283,8 @@ class Slow(WholeVolume):
 volume = Slow()
 for line in sys.stdin:
     gate.set()
-    say("holds", volume.is_lost, zlib.crc32(volume.voxels.tobytes()))
+    held = volume.voxels  # None if the first message had only changes
+    say("holds", volume.is_lost, held if held is None else zlib.crc32(held.tobytes()))
 '''
         fast = self.whole_volume()
         size = wait_for(fast.copy, "the whole volume").nbytes

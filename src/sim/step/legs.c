@@ -26,9 +26,6 @@ enum {
 };
 /* fraction of a leg that is free: the rest is shorter than the distance that all pairs keep */
 static const double nearly_all = 1 - 1e-6;
-/* factors for the change of the missing compliance: after a change in the other direction, and in the same one (Rprop:
- * Riedmiller and Braun, IEEE Int. Conf. Neural Networks, 1993) */
-static const double after_alternation = 0.5, after_agreement = 1.2;
 
 static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
 
@@ -150,22 +147,13 @@ static pliant_tool_pose pose_behind_target(const pliant_tool *tool, const pliant
     return out;
 }
 
-/* Change the missing compliance only by a fraction of the change from the previous leg's. On coarse cells the contact
- * points change with it, so that it can alternate. Each alternation reduces the fraction, so that tools at rest come to
- * rest. It is not below the target's remaining motion as a fraction of the missing depth. */
-static void smooth_missing_compliance(double most, double motion, double force, const pliant_missing_depth *before,
-                                      pliant_missing_depth *missing)
+/* Change the missing compliance only by a fraction of the change from the previous leg's. */
+static void smooth_missing_compliance(double follow, double before, pliant_missing_depth *missing)
 {
-    missing->follow = most;
-    if (!(before->compliance > 0) || !(missing->compliance > 0)) return;
-    const double direction = missing->compliance > before->compliance ? 1 : -1, depth = before->compliance * force,
-                 factor = direction * before->follow < 0 ? after_alternation : after_agreement,
-                 moved = motion < most * depth ? motion / depth : most,
-                 follow = fmin(most, fmax(moved, factor * fabs(before->follow))),
-                 ratio = follow + (1 - follow) * before->compliance / missing->compliance;
+    if (!(before > 0) || !(missing->compliance > 0)) return;
+    const double ratio = follow + (1 - follow) * before / missing->compliance;
     missing->compliance *= ratio;
     missing->jaw_compliance *= ratio;
-    missing->follow = direction * follow;
 }
 
 /* Linearize the coupling of a tool for a goal, with the compliances that this leg adds. longest: maximum predicted
@@ -207,10 +195,8 @@ static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
         pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
         status =
             pliant_missing_compliance(data, t, &leg->begin, &leg->measured, &data->legs->node_loads, &leg->missing);
-        const pliant_tool_pose *unloaded = &data->tools[t].proxy.unloaded;
-        smooth_missing_compliance(
-            model->contact.missing_follow, pliant_tool_max_motion(data->tools + t, unloaded, &leg->measured),
-            pliant_length3(leg->before.wrench), &data->tools[t].proxy.missing, &leg->missing);
+        smooth_missing_compliance(model->contact.missing_follow, data->tools[t].proxy.missing.compliance,
+                                  &leg->missing);
         data->tools[t].proxy.missing = leg->missing;
         if (data->tled)
             pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before,
