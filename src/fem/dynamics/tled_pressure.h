@@ -5,7 +5,7 @@
  *     T = sum of V_e (J_e - 1)       force on a node: -B' p, B = dT/du       C = V / lambda'       C p = T - offset
  *
  * p is implicit: it belongs to the volumes at the end of a sub-step. First, elements, tools and contact move the nodes
- * by d, with the pressures of the sub-step before. Then a correction dp of the pressures corrects d:
+ * by d, with the pressures of the sub-step before. Then a correction dp of the pressures corrects d.
  *     S dp = T + B d - offset - C p,     S = C + B W B',     d -= W B' dp
  * W is h^2 / M, without the directions in which tools, contact and walls hold nodes in this sub-step. At rest the right
  * side is zero, so p does not depend on S. Conjugate gradients solve it, with the factor of S at rest as the

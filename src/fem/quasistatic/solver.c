@@ -192,8 +192,8 @@ static pliant_status iterate(pliant_solver *solver, pliant_known known, step_tim
     return PLIANT_OK;
 }
 
-/* Evaluate the end of a blind step as a trial from its start. The contact forces stay those that moved tissue and
- * proxies to this end; the new ones belong to a step that is not taken. */
+/* Evaluate the end of a blind step as a trial from its start. The contact forces do not change: they have moved tissue
+ * and proxies to this end. The new ones belong to a step that is not taken. */
 static bool evaluate_end(pliant_solver *solver)
 {
     double *x = solver->now.x;
