@@ -78,6 +78,9 @@ static pliant_status set_body(const pliant_model *model, const pliant_data *data
                                               .geometry = &model->scan->geometry,
                                               .material_of_voxel = model->material_of_voxel,
                                               .materials = &model->materials,
+                                              .min_cube_tissue = model->scene.element.kind == PLIANT_HEXAHEDRA
+                                                                     ? model->contact.min_cube_tissue
+                                                                     : 0,
                                               .has_self_contact =
                                                   model->scene.contact.self || model->scene.material.slides[0],
                                               .threads = data->discretization->system->num_threads};

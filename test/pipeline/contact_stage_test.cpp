@@ -56,6 +56,93 @@ TEST(ContactStage, ElementsAreTouchedWhereTheirTissueEnds)
     }
 }
 
+// Tissue fills an eighth of the highest cubes. Their upper nodes carry no force. Cubes that end with the tissue need
+// the same force.
+TEST(ContactStage, HexahedraWithLittleTissueCarryNoContact)
+{
+    const double top = 0.0625;
+    double force[2]; // cubes that end above the tissue, with it
+    for (int ends = 0; ends < 2; ends++) {
+        Body block(std::vector<int>{16, 16, ends ? 25 : 32}.data(),
+                   std::vector<double>{0.08, 0.08, ends ? top : 0.08}.data(),
+                   {{4000, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k < 25 ? 0 : 1; });
+        block.scene.element.kind = PLIANT_HEXAHEDRA;
+        block.cells(4, 4, ends ? 3 : 4, 1);
+        block.fix_plane(0, 0, 1e-6, 0, 0, 1);
+        block.scene.solver.iterations = 30;
+        block.scene.solver.tolerance = 1e-4;
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        pliant_tool_shape plate{};
+        plate.num_parts = 1;
+        plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.025, -0.025, 0}, {0.025, 0.025, 0.02}, 0, false};
+        int tool = -1;
+        ASSERT_EQ(pliant_tool_add(block.model, block.data, "plate", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_shape(block.data, tool, &plate), PLIANT_OK) << pliant_last_error();
+        for (int s = 0; s < 6; s++) {
+            const double tip[3] = {0.04, 0.04, top + 0.001 - 0.002 * std::min(s, 4)};
+            ASSERT_EQ(pliant_tool_set_pose(block.data, tool, tip, nullptr), PLIANT_OK);
+            ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
+        }
+        double felt[3], torque[3];
+        pliant_contact_wrench(block.data, tool, felt, torque);
+        force[ends] = -felt[2];
+        EXPECT_GT(block.data->contacts.count, 0);
+        for (int32_t p = 0; p < block.data->contacts.count; p++)
+            for (int32_t k = 0; k < block.data->contacts.point[p].count; k++)
+                EXPECT_LT(block.data->body->fine.rest[3 * block.data->contacts.point[p].node[k] + 2], top + 1e-6);
+    }
+    std::printf("plate 7 mm into tissue that fills an eighth of its cubes: %.3f N, cubes that end with it: %.3f N\n",
+                force[0], force[1]);
+    EXPECT_NEAR(force[0], force[1], 0.05 * force[1]);
+}
+
+// A ball presses into sloping tissue and slides. Most cubes at its surface contain little tissue. Six
+// evaluations per step find the same forces as many evaluations.
+TEST(ContactStage, ForcesOfHexahedraWithLittleTissueDoNotDependOnTheIterations)
+{
+    Body block(std::vector<int>{32, 32, 32}.data(), std::vector<double>{0.16, 0.16, 0.16}.data(),
+               {{4000, 0.45, 1000, false}, {1, 0.3, 1, true}},
+               [](int i, int j, int k) { return k + 0.43 * i + 0.17 * j < 33 ? 0 : 1; });
+    block.scene.element.kind = PLIANT_HEXAHEDRA;
+    block.scene.contact.friction = 0.08;
+    block.cells(7, 7, 7, 1);
+    block.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+    std::vector<double> forces[2];
+    for (int exact = 0; exact < 2; exact++) {
+        pliant_data *data = nullptr;
+        pliant_tool_shape ball{};
+        ball.num_parts = 1;
+        ball.part[0].kind = PLIANT_PART_SPHERE;
+        ball.part[0].radius = 0.008;
+        int tool = -1;
+        ASSERT_EQ(pliant_data_create(block.model, &data), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_set_limits(data, exact ? 100 : 6, exact ? 1e-6 : 1e-9), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_add(block.model, data, "ball", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_shape(data, tool, &ball), PLIANT_OK);
+        for (int s = 0; s < 20; s++) {
+            const double along = 0.0006 * std::max(0, s - 8), x = 0.08 + along, y = 0.08;
+            const double tip[3] = {x, y, 0.165 - 0.43 * x - 0.17 * y + 0.01 - 0.002 * std::min(s, 8)};
+            ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+            for (int again = 0; again < (exact ? 10 : 1); again++)
+                if (pliant_step(block.model, data) == PLIANT_OK) break;
+            pliant_tool_state state;
+            ASSERT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
+            forces[exact].push_back(std::sqrt(state.contact_force[0] * state.contact_force[0] +
+                                              state.contact_force[1] * state.contact_force[1] +
+                                              state.contact_force[2] * state.contact_force[2]));
+        }
+        pliant_data_free(data);
+    }
+    double worst = 0;
+    for (size_t s = 0; s < forces[0].size(); s++)
+        worst = std::max(worst, std::fabs(forces[0][s] - forces[1][s]) / forces[1].back());
+    std::printf("ball on sloping hexahedra: %.3f N, error of six evaluations at most %.3f %%\n", forces[1].back(),
+                100 * worst);
+    EXPECT_GT(forces[1].back(), 0.05);
+    EXPECT_LT(worst, 0.005);
+}
+
 TEST(ContactStage, CostsNothingWithoutNearbyTools)
 {
     Sheet sheet;

@@ -170,11 +170,96 @@ static pliant_status find_ends(const pliant_contact_surface_voxels *voxels, int3
     return good ? PLIANT_OK : no_memory();
 }
 
-static void set_corner(pliant_contact_surface *surface, const pliant_mesh *mesh, const ends *found, int32_t n)
+/* ---- corners */
+
+/* The cubes at each node. All zero: the elements are tetrahedra. */
+typedef struct cubes {
+    double min_tissue;       /* fraction of tissue above which a cube carries corners */
+    double *tissue;          /* (tetrahedra) fraction of tissue in the tetrahedron's cube */
+    int32_t *start, *around; /* (nodes + 1) offsets, and the tetrahedra of each node */
+} cubes;
+
+static void free_cubes(cubes *at_nodes) { PLIANT_FREE(at_nodes->tissue, at_nodes->start, at_nodes->around); }
+
+/* Return the end of the range of tetrahedra that share a cube with the first one. leaf: in and out */
+static int32_t end_of_cube(const pliant_mesh *mesh, int32_t first, int32_t *leaf)
+{
+    int32_t end = first + 1;
+    if (mesh->lattice_of_tet) {
+        while (end < mesh->num_tets && mesh->lattice_of_tet[end] / 5 == mesh->lattice_of_tet[first] / 5) end++;
+        return end;
+    }
+    while (mesh->leaf_start[*leaf + 1] <= first) ++*leaf;
+    return mesh->leaf_start[*leaf + 1];
+}
+
+static void find_tissue_of_cubes(const pliant_body *load, double *out)
+{
+    const pliant_mesh *mesh = &load->fine;
+    int32_t leaf = 0;
+    for (int32_t first = 0, end; first < mesh->num_tets; first = end) {
+        double whole = 0, tissue = 0, gradients[12];
+        end = end_of_cube(mesh, first, &leaf);
+        for (int32_t t = first; t < end; t++) {
+            const int32_t *node = mesh->tets + 4 * (size_t)t;
+            const double volume = pliant_tet_gradients(mesh->rest + 3 * node[0], mesh->rest + 3 * node[1],
+                                                       mesh->rest + 3 * node[2], mesh->rest + 3 * node[3], gradients);
+            whole += volume;
+            tissue += volume * load->fine_material[t].tissue;
+        }
+        for (int32_t t = first; t < end; t++) out[t] = tissue / whole;
+    }
+}
+
+/* Find the cubes of the topology at load. The caller frees the result, also after an error. */
+static pliant_status find_cubes(const pliant_contact_surface_voxels *voxels, cubes *out)
+{
+    const pliant_mesh *mesh = &voxels->load->fine;
+    const int32_t corners = 4 * mesh->num_tets;
+    if (!(voxels->min_cube_tissue > 0)) return PLIANT_OK;
+    out->min_tissue = voxels->min_cube_tissue;
+    out->tissue = pliant_calloc((size_t)mesh->num_tets, sizeof *out->tissue);
+    out->start = pliant_calloc((size_t)mesh->num_nodes + 1, sizeof *out->start);
+    out->around = pliant_calloc((size_t)corners, sizeof *out->around);
+    if (!out->tissue || !out->start || !out->around) return no_memory();
+    find_tissue_of_cubes(voxels->load, out->tissue);
+    for (int32_t v = 0; v < corners; v++) out->start[mesh->tets[v]]++;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) out->start[n + 1] += out->start[n];
+    for (int32_t v = corners; v-- > 0;) out->around[--out->start[mesh->tets[v]]] = v / 4;
+    return PLIANT_OK;
+}
+
+/* If a corner lies outside of the mesh or in a cube with little tissue, embed it in a fuller cube of its node instead.
+ * Use the tetrahedron with the shortest extrapolation. at: the corner at rest */
+static void embed_in_fuller_cube(pliant_contact_surface *surface, const pliant_mesh *mesh, const cubes *at_nodes,
+                                 int32_t n, const double at[3])
+{
+    const int32_t tet = surface->tet_at_load[n];
+    const double own = tet >= 0 ? at_nodes->tissue[tet] : 0;
+    double most = 0, best = -INFINITY, weights[4];
+    for (int32_t i = at_nodes->start[n]; i < at_nodes->start[n + 1]; i++)
+        most = fmax(most, at_nodes->tissue[at_nodes->around[i]]);
+    const double enough = fmin(most, at_nodes->min_tissue);
+    if (own >= enough) return;
+    for (int32_t i = at_nodes->start[n]; i < at_nodes->start[n + 1]; i++) {
+        const int32_t t = at_nodes->around[i];
+        if (at_nodes->tissue[t] < enough) continue;
+        pliant_mesh_barycentric(mesh, t, at, weights);
+        const double minimum = fmin(fmin(weights[0], weights[1]), fmin(weights[2], weights[3]));
+        if (minimum <= best) continue;
+        best = minimum;
+        surface->tet_at_load[n] = t;
+        memcpy(surface->weights[n], weights, sizeof weights);
+    }
+}
+
+static void set_corner(pliant_contact_surface *surface, const pliant_mesh *mesh, const cubes *at_nodes,
+                       const ends *found, int32_t n)
 {
     double at[3];
     for (int d = 0; d < 3; d++) at[d] = mesh->rest[3 * n + d] + found->offset[n] * found->unit[n][d];
     surface->tet_at_load[n] = found->offset[n] != 0 ? pliant_mesh_locate(mesh, at, surface->weights[n]) : -1;
+    if (found->offset[n] != 0 && at_nodes->tissue) embed_in_fuller_cube(surface, mesh, at_nodes, n, at);
 }
 
 /* Find the nodes whose corners at rest take part in a self-intersection, and set their flag in out.
@@ -206,7 +291,7 @@ static pliant_status find_overlaps(const pliant_contact_surface *surface, const 
 /* Halve the motion of corners where the surface intersects itself at rest, until it does not. After some rounds use
  * the nodes themselves; the mesh's own faces never intersect. */
 static pliant_status avoid_overlaps(pliant_contact_surface *surface, const pliant_contact_surface_voxels *voxels,
-                                    ends *found)
+                                    const cubes *at_nodes, ends *found)
 {
     enum { ROUNDS = 8, HALVED = 3 }; /* after this many halvings the corner is the node itself */
     const pliant_mesh *mesh = &voxels->load->fine;
@@ -224,7 +309,7 @@ static pliant_status avoid_overlaps(pliant_contact_surface *surface, const plian
         for (int32_t n = 0; any && n < mesh->num_nodes; n++) {
             if (!overlaps[n] || surface->tet_at_load[n] < 0) continue;
             found->offset[n] = round < HALVED ? found->offset[n] / 2 : 0;
-            set_corner(surface, mesh, found, n);
+            set_corner(surface, mesh, at_nodes, found, n);
             overlaps[n] = 0;
         }
     }
@@ -240,12 +325,16 @@ static pliant_status find_corners(pliant_contact_surface *surface, const pliant_
 {
     const pliant_mesh *mesh = &voxels->load->fine;
     ends found = {NULL, NULL};
+    cubes at_nodes = {.tissue = NULL};
     surface->tet_at_load = pliant_calloc((size_t)mesh->num_nodes, sizeof *surface->tet_at_load);
     surface->weights = pliant_calloc((size_t)mesh->num_nodes, sizeof *surface->weights);
     pliant_status status =
         surface->tet_at_load && surface->weights ? find_ends(voxels, count, triangles, &found) : no_memory();
-    for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++) set_corner(surface, mesh, &found, n);
-    if (status == PLIANT_OK && voxels->has_self_contact) status = avoid_overlaps(surface, voxels, &found);
+    if (status == PLIANT_OK) status = find_cubes(voxels, &at_nodes);
+    for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++)
+        set_corner(surface, mesh, &at_nodes, &found, n);
+    if (status == PLIANT_OK && voxels->has_self_contact) status = avoid_overlaps(surface, voxels, &at_nodes, &found);
+    free_cubes(&at_nodes);
     free_ends(&found);
     return status;
 }

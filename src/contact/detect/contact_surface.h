@@ -5,7 +5,10 @@
  * tetrahedron is near, it encloses also those with less tissue. The surface's corners are moved along its normal to
  * the boundary of the tissue in the voxels, by at most one cube. Corners between full or empty elements are not
  * moved. A moved corner is a point of a tetrahedron: it moves with it, and contact forces act on that tetrahedron's
- * nodes. With contact of tissue on tissue, corners are moved less where the surface would intersect itself at rest. */
+ * nodes. With hexahedra, emptier cubes than min_cube_tissue carry no corner. Contact forces would distort them so much
+ * that the equilibrium depends on the path. Their corners belong to a tetrahedron of a fuller cube instead, and follow
+ * it by linear extrapolation. With contact of tissue on tissue, corners are moved less where the surface would
+ * intersect itself at rest. */
 #ifndef PLIANT_CONTACT_CONTACT_SURFACE_H
 #define PLIANT_CONTACT_CONTACT_SURFACE_H
 
@@ -23,6 +26,7 @@ typedef struct pliant_contact_surface_voxels {
     const pliant_geometry *geometry;
     const uint8_t *material_of_voxel;
     const pliant_material_table *materials;
+    double min_cube_tissue;      /* with hexahedra: the setting of this name (contact/settings.h); otherwise 0 */
     bool has_self_contact;       /* there is contact of tissue on tissue */
     int threads;
 } pliant_contact_surface_voxels;
@@ -31,7 +35,7 @@ typedef struct pliant_contact_surface_voxels {
 typedef struct pliant_contact_surface {
     uint64_t revision;      /* of the topology; 0: none */
     int32_t *tet_at_load;   /* (nodes at load) tetrahedron that contains the corner; -1: the corner is the node */
-    double (*weights)[4];   /* (nodes at load) barycentric coordinates in it */
+    double (*weights)[4];   /* (nodes at load) barycentric coordinates in it, also from outside */
     uint8_t *solid_at_load; /* (tetrahedra at load) whether the contact surface encloses it */
     uint8_t *solid;         /* (tetrahedra) as solid_at_load */
     int32_t *tet;           /* (nodes) as tet_at_load */

@@ -41,6 +41,9 @@ static pliant_status choose_surface(const pliant_model *model, pliant_data *data
                                                   .geometry = &model->scan->geometry,
                                                   .material_of_voxel = model->material_of_voxel,
                                                   .materials = &model->materials,
+                                                  .min_cube_tissue = model->scene.element.kind == PLIANT_HEXAHEDRA
+                                                                         ? model->contact.min_cube_tissue
+                                                                         : 0,
                                                   .has_self_contact = pliant_contact_touches_itself(model),
                                                   .threads = data->discretization->system->num_threads};
     const pliant_status status = pliant_contact_surface_set_body(&search->outside, &voxels, data->body);
