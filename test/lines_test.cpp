@@ -1,9 +1,10 @@
-// Lines of source files have at most 120 columns.
+// Source files: lines have at most 120 columns, and work on a GPU is on a given stream.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <fstream>
 #include <ftw.h>
+#include <iterator>
 #include <set>
 #include <string>
 #include <vector>
@@ -40,6 +41,7 @@ TEST(SourceLines, CountsCodePoints)
 TEST(SourceLines, HaveAtMost120Columns)
 {
     const std::string root = PLIANT_SOURCE_DIR "/";
+    files.clear();
     for (const char *folder : {"cuda", "include", "launch", "msg", "src", "srv", "test"})
         ASSERT_EQ(nftw((root + folder).c_str(), add_source_file, 16, FTW_PHYS), 0) << folder;
     EXPECT_GT(files.size(), 500u);
@@ -53,6 +55,34 @@ TEST(SourceLines, HaveAtMost120Columns)
                                                   << ": break the line, and move a comment at its end above it";
         }
     }
+}
+
+// Every launch, copy and fill uses a given stream. An operation on the default stream would wait for all others.
+TEST(CudaSources, NothingIsOnTheDefaultStream)
+{
+    files.clear();
+    ASSERT_EQ(nftw(PLIANT_SOURCE_DIR "/cuda", add_source_file, 16, FTW_PHYS), 0);
+    EXPECT_GT(files.size(), 40u);
+    int launches = 0;
+    for (const std::string &path : files) {
+        SCOPED_TRACE(path);
+        std::ifstream in(path);
+        ASSERT_TRUE(in);
+        const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+        for (const char *call : {"cudaMemcpy(", "cudaMemset(", "cudaDeviceSynchronize", "cudaMemcpyToSymbol(",
+                                 "cudaStreamLegacy", "cudaStreamPerThread"})
+            EXPECT_EQ(text.find(call), std::string::npos) << call;
+        for (size_t at = text.find("<<<"); at != std::string::npos; at = text.find("<<<", at + 1), launches++) {
+            const std::string launch = text.substr(at, text.find(">>>", at) - at);
+            EXPECT_NE(launch.find("stream"), std::string::npos) << launch;
+        }
+        for (const char *call : {"cudaMemcpyAsync(", "cudaMemsetAsync("})
+            for (size_t at = text.find(call); at != std::string::npos; at = text.find(call, at + 1)) {
+                const std::string arguments = text.substr(at, text.find(';', at) - at);
+                EXPECT_NE(arguments.find("stream"), std::string::npos) << arguments;
+            }
+    }
+    EXPECT_GT(launches, 100);
 }
 
 } // namespace

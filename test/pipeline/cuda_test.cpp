@@ -13,8 +13,6 @@
 #include <random>
 #include <string>
 
-#include <glob.h>
-
 namespace {
 
 /* ---- whole runs */
@@ -584,36 +582,6 @@ TEST(CudaRun, TheToleranceIsOfPositionsOnARealScan)
     pliant_material_table_free(&materials);
     pliant_labels_free(&labels);
     pliant_volume_free(&scan);
-}
-
-/* ---- source files */
-
-// Every launch, copy and fill uses a given stream. An operation on the default stream would wait for all others.
-TEST(CudaSources, NothingIsOnTheDefaultStream)
-{
-    glob_t files;
-    if (glob((std::string(PLIANT_SOURCE_DIR) + "/cuda/*.cu").c_str(), 0, nullptr, &files) != 0)
-        GTEST_SKIP() << "the sources are not here";
-    int launches = 0;
-    for (size_t f = 0; f < files.gl_pathc; f++) {
-        SCOPED_TRACE(files.gl_pathv[f]);
-        std::ifstream in(files.gl_pathv[f]);
-        const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-        for (const char *call : {"cudaMemcpy(", "cudaMemset(", "cudaDeviceSynchronize", "cudaMemcpyToSymbol(",
-                                 "cudaStreamLegacy", "cudaStreamPerThread"})
-            EXPECT_EQ(text.find(call), std::string::npos) << call;
-        for (size_t at = text.find("<<<"); at != std::string::npos; at = text.find("<<<", at + 1), launches++) {
-            const std::string launch = text.substr(at, text.find(">>>", at) - at);
-            EXPECT_NE(launch.find("stream"), std::string::npos) << launch;
-        }
-        for (const char *call : {"cudaMemcpyAsync(", "cudaMemsetAsync("})
-            for (size_t at = text.find(call); at != std::string::npos; at = text.find(call, at + 1)) {
-                const std::string arguments = text.substr(at, text.find(';', at) - at);
-                EXPECT_NE(arguments.find("stream"), std::string::npos) << arguments;
-            }
-    }
-    globfree(&files);
-    EXPECT_GT(launches, 20);
 }
 
 } // namespace
