@@ -310,14 +310,16 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             std::vector<double> here(3 * static_cast<size_t>(nodes)), there(here.size());
             pliant_data_get_contact_forces(cpu.data, here.data());
             pliant_data_get_contact_forces(gpu.data, there.data());
-            // forces of a piece that jams between ball and ground are not determined; its weight is 0.03 N
-            if (*std::max_element(here.begin(), here.end()) > 1) continue;
-            compared += cpu.data->statistics.contacts > 0;
+            for (int32_t n = 0; n < nodes; n++)
+                if (!pliant_rigid_pieces_contain(cpu.data->rigid_pieces, n))
+                    worst = std::fmax(worst, farthest(cpu.data->positions + 3 * n, gpu.data->positions + 3 * n, 1));
+            // Forces and position of a piece that jams between ball and ground are not determined: on the CPU alone, a
+            // relative change of positions by 1e-13 moves the piece by 7e-6 m. Its weight is 0.03 N.
+            if (max_distance_of(here) > 1) continue;
             worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, nodes));
-            for (size_t n = 0; n < here.size(); n++) {
-                force = std::fmax(force, std::fabs(here[n]));
-                difference = std::fmax(difference, std::fabs(here[n] - there[n]));
-            }
+            compared += cpu.data->statistics.contacts > 0;
+            force = std::fmax(force, max_distance_of(here));
+            difference = std::fmax(difference, max_difference(here, there));
         }
         double bears = 0, weight = 0, presses = 0; // quantities of the independent run
         const pliant_pieces *pieces = alone.data->body->pieces;
