@@ -323,22 +323,49 @@ class Seen(unittest.TestCase):
         self.stage.mouse("mouseup", 1)
 
     def test_3_a_point_of_the_transfer_function_follows_the_mouse(self):
-        def curve(picture):
+        def corners(picture):
+            """Return the panel's top, left, bottom and right, or False without a panel."""
             there = numpy.argwhere((picture == [32, 32, 36]).all(axis=2))
-            return len(there) > 2000 and there
-        self.stage.wait_for(lambda p: curve(p) is not False, what="the panel")
-        before = self.stage.still().astype(int)
-        there = curve(before)
-        (top, left), (bottom, right) = there.min(axis=0), there.max(axis=0) + 1
-        # the preset's skin: position 0.17, opacity 0.1, drawn at its square root; drag it to zero
-        start = [left + 10 + 0.17 * (right - left - 20), bottom - 28 - numpy.sqrt(0.1) * (bottom - top - 38)]
-        self.drag(start, [0, numpy.sqrt(0.1) * (bottom - top - 38) + 3])
+            return len(there) > 2000 and (*there.min(axis=0), *(there.max(axis=0) + 1))
+
+        def shows_handle(picture, at):
+            """Whether a point's white circle is drawn at a pixel."""
+            x, y = numpy.round(at).astype(int)
+            return (picture[y - 7:y + 8, x - 7:x + 8].min(axis=2) > 200).sum() > 12
+
+        def shows_held_point(picture):
+            """Whether the value of a held point is written between the limits of the axis."""
+            _, left, bottom, right = corners(picture)
+            third = (right - left) // 3
+            return (picture[bottom - 20:bottom, left + third:right - third].min(axis=2) > 120).sum() > 20
+
+        def is_ready():
+            """Whether the panel shows the preset's skin: position 0.17, opacity 0.1, drawn at its square root. A panel
+            that has not read the display's function yet shows no points, and its size can still change."""
+            self.before = self.stage.still()
+            if not corners(self.before):
+                return False
+            top, left, bottom, right = corners(self.before)
+            self.height = numpy.sqrt(0.1) * (bottom - top - 38)
+            self.skin = numpy.array([left + 10 + 0.17 * (right - left - 20), bottom - 28 - self.height])
+            return shows_handle(self.before, self.skin) and not shows_held_point(self.before)
+        self.stage.wait(is_ready, what="the points in the panel")
+        end = self.skin + [0, self.height]
+        try:
+            self.stage.mouse("mousemove", *numpy.round(self.skin).astype(int), "mousedown", 1)
+            self.stage.wait_for(shows_held_point, what="the held point")
+            for part in numpy.linspace(0, 1, 8):  # to opacity 0, and 3 pixels beyond
+                self.stage.mouse("mousemove", *numpy.round(self.skin + part * (end + [0, 3] - self.skin)).astype(int))
+                time.sleep(0.05)
+            self.stage.wait_for(lambda p: shows_handle(p, end), what="the point under the cursor")
+        finally:
+            self.stage.mouse("mouseup", 1)
         points = self.stage.wait(lambda: self.stage.saved()["Displays"][0]["Points"], what="points of its own")
         at, *_, opacity = [float(number) for number in points.split(";")[1].split(",")]
         self.assertAlmostEqual(at, 0.17, delta=0.03)
         self.assertLess(opacity, 0.002)
-        self.stage.wait_for(lambda p: (abs(self.stage.view(p).astype(int) - self.stage.view(before)).max(axis=2) >
-                                       10).mean() > 0.02,
+        before = self.stage.view(self.before).astype(int)
+        self.stage.wait_for(lambda p: (abs(self.stage.view(p).astype(int) - before).max(axis=2) > 10).mean() > 0.02,
                             what="the picture without skin")
 
     def test_4_a_click_tells_the_material_and_a_number_changes_it(self):
