@@ -149,7 +149,8 @@ struct Leg {
         EXPECT_EQ(pliant_advance_audit(with.advance, 1, triangle, from[0].data(), 1, &leg, 1, &found), PLIANT_OK);
         return found.minimum;
     }
-    double limit(double d) const { return std::max(std::min(0.1 * d, 0.5 * leg.guard), std::min(0.05 * leg.guard, d)); }
+    double limit(double d) const { return std::max(std::min(0.1 * d, 0.5 * leg.guard), below(0.05 * leg.guard, d)); }
+    static double below(double floor, double d) { return std::min(floor, std::max(0.9 * d, std::min(0.1 * floor, d))); }
 };
 
 pliant_solid *bracket() // an L-shaped solid, which is not convex
@@ -414,8 +415,8 @@ TEST(Advance, ATriangleThatLeavesTheRimOfAFieldIsNotStopped)
         Corners shape;
         for (int c = 0; c < 3; c++)
             for (int d = 0; d < 3; d++)
-                shape[c][d] = 0.005 * (std::cos(along + 2 * M_PI * c / 3) * side[d] +
-                                       std::sin(along + 2 * M_PI * c / 3) * up[d]);
+                shape[c][d] =
+                    0.005 * (std::cos(along + 2 * M_PI * c / 3) * side[d] + std::sin(along + 2 * M_PI * c / 3) * up[d]);
         place_at_floor(leg, out, shape, leg.from);
         for (int c = 0; c < 3; c++)
             for (int d = 0; d < 3; d++) leg.to[c][d] = leg.from[c][d] + 1e-4 * out[d];

@@ -6,7 +6,8 @@
 #include <cmath>
 #include <limits>
 
-namespace {
+namespace
+{
 
 TEST(Anderson, EnergyBelowZeroIsNoMerit)
 {
@@ -63,6 +64,26 @@ TEST(Anderson, RejectionsLeadToUnmixedAndShorterSteps)
     EXPECT_EQ(rules.next, PLIANT_NEXT_REST);
     rules.evaluate(0.5);
     EXPECT_TRUE(rules.accepts_state && rules.next == PLIANT_NEXT_DONE);
+}
+
+// A step without progress may evaluate the rest state, but never uses more evaluations than its limit. If it has none
+// left for that, the next step does so.
+TEST(Anderson, TheRestStateIsWithinTheLimitOfEvaluations)
+{
+    int tried = 0;
+    for (int limit = 1; limit <= 20; limit++) {
+        Rules rules;
+        rules.max_evaluations = limit;
+        for (int step = 0; step < 40; step++) {
+            pliant_anderson_begin(&rules);
+            do {
+                rules.evaluate(2); // the first one is accepted, all others are refused
+                tried += rules.next == PLIANT_NEXT_REST;
+            } while (rules.next != PLIANT_NEXT_DONE && rules.next != PLIANT_NEXT_BLIND);
+            ASSERT_LE(rules.evaluations - rules.last, limit) << step;
+        }
+    }
+    EXPECT_GT(tried, 20);
 }
 
 TEST(Anderson, WithoutTimeAfterARejectionTheNextStepIsNotEvaluated)

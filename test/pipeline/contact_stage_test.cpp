@@ -422,7 +422,7 @@ TEST(ContactStage, FailingAllocationsChangeNothing)
                                          sheet.data->positions + 3 * sheet.model->body->fine.num_nodes);
         const int32_t count = sheet.data->contacts.count;
         pliant_memory_fail_after(calls);
-        const pliant_status status = pliant_legs_find(sheet.model, sheet.data);
+        const pliant_status status = pliant_legs_find(sheet.model, sheet.data, false);
         pliant_memory_fail_after(-1);
         if (status == PLIANT_OK) break;
         ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
@@ -464,7 +464,7 @@ TEST(ContactStage, ACopyContinuesAndAResetRestarts)
     const double tip[3] = {0.034, 0.03, 0.0};
     for (pliant_data *data : {sheet.data, copy}) {
         ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
-        ASSERT_EQ(pliant_legs_find(sheet.model, data), PLIANT_OK);
+        ASSERT_EQ(pliant_legs_find(sheet.model, data, false), PLIANT_OK);
     }
     ASSERT_EQ(copy->contacts.count, sheet.data->contacts.count);
     for (int32_t n = 0; n < copy->contacts.count; n++) {

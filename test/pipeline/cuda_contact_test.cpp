@@ -39,7 +39,7 @@ TEST(CudaContact, MeetsTheCpu)
                 ASSERT_EQ(body->data->backend->interact(body->model, body->data), PLIANT_OK);
             }
             for (auto *body : {&again, &gpu, &cpu})
-                ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
+                ASSERT_EQ(pliant_legs_find(body->model, body->data, false), PLIANT_OK) << pliant_last_error();
             copy_contacts(cpu.data, gpu.model, gpu.data);
             copy_contact_places(cpu.data, again.model, again.data);
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK,
@@ -241,7 +241,7 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
                 ASSERT_EQ(body->data->backend->interact(body->model, body->data), PLIANT_OK);
             }
             for (auto *body : {&again, &gpu, &cpu})
-                ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
+                ASSERT_EQ(pliant_legs_find(body->model, body->data, false), PLIANT_OK) << pliant_last_error();
             copy_contacts(cpu.data, gpu.model, gpu.data);
             copy_contact_places(cpu.data, again.model, again.data);
             if (s > 3 && s < 11) searches.compare(cpu.data->body, cpu.data->positions, {0.001, 1e-3, 0.3, 0});
@@ -298,7 +298,7 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             for (Drop *body : {&cpu, &gpu})
                 ASSERT_EQ(body->data->backend->interact(body->model, body->data), PLIANT_OK);
             for (auto *body : {&gpu, &cpu})
-                ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
+                ASSERT_EQ(pliant_legs_find(body->model, body->data, false), PLIANT_OK) << pliant_last_error();
             copy_contacts(cpu.data, gpu.model, gpu.data);
             copy_piece_contacts(cpu.data->rigid_pieces, gpu.data->rigid_pieces);
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK,

@@ -15,13 +15,21 @@ PLIANT_INLINE double pliant_advance_min_distance(const pliant_contact_settings *
     return settings->advance_keep * settings->advance_stop * guard;
 }
 
-/* Return the smallest distance that a pair may reach in a leg, from its distance at the start. A pair that stays
- * above this limit does not shorten the leg. */
+/* Return the smallest distance that a pair of tissue may reach in a leg, from its distance at the start. A pair that
+ * stays above this limit does not shorten the leg. */
 PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *settings, double guard, double distance)
 {
     const double slack = 1e-12; /* tolerance, so that rounding does not block tissue that moves with a part [m] */
     return fmax(fmin(settings->advance_keep * distance, settings->advance_stop * guard),
                 fmin(pliant_advance_min_distance(settings, guard), distance - slack));
+}
+
+/* Return the smallest value that a pair of a part, or the volume of an element, may reach in a leg, from its value at
+ * the start. A value below the floor may lose the fraction keep, because contact forces are found within a tolerance.
+ * Otherwise the tolerance could stop every leg. No value falls below the fraction keep of the floor. */
+PLIANT_INLINE double pliant_advance_soft_limit(double keep, double stop, double floor, double value)
+{
+    return fmax(fmin(keep * value, stop), fmin(floor, fmax((1 - keep) * value, fmin(keep * floor, value))));
 }
 
 /* Return whether two parts of the tissue start nearer than any leg leaves them, or coincide at rest: they were created

@@ -424,7 +424,7 @@ static int32_t compact(pliant_feature *features, int32_t count)
 /* Add a plane constraint: all corners of a triangle stay beyond the plane that separates it from the core. Such
  * planes are a convex inner approximation of the free states, so the next leg passes the pair that blocked the last
  * one. Far from the core the plane is slightly nearer to the core than the triangle. Near the core it is slightly
- * farther, so that it pushes the triangle out. */
+ * farther if depths are reduced in this leg, so that it pushes the triangle out. */
 static void write_plane(const search *on, const pliant_feature *face, double distance, int32_t triangle,
                         const double normal[3], pliant_contacts *out)
 {
@@ -432,7 +432,7 @@ static void write_plane(const search *on, const pliant_feature *face, double dis
     const double step = on->detector->settings.advance_keep, left = part->guard - part->core_offset,
                  core = distance + left, minimum = 0.5 * on->detector->settings.plane_distance * left;
     /* offset of the plane from the triangle's nearest point */
-    const double away = (core < minimum ? core + step * left : (1 - step) * core) - core;
+    const double away = core < minimum ? fmin(step * left, part->recovery) : -step * core;
     double point[3], local[3], place[3], before[3];
     point_of(on, face, point);
     pliant_pose_from(&part->begin, point, local);

@@ -2,6 +2,7 @@
 
 #include "base/cubic.h"
 #include "base/vector3.h"
+#include "contact/advance/advance_rules.h"
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"
 #include "contact/volume/volume_rules.h"
@@ -138,17 +139,18 @@ static bool has_any_near(double fraction, const pliant_mesh *mesh, const double 
 }
 
 pliant_status pliant_volume_find(const pliant_contact_settings *settings, const pliant_mesh *mesh,
-                                 const double *positions, const int32_t *piece_of_node, int num_threads,
+                                 const double *positions, const int32_t *piece_of_node, bool opens, int num_threads,
                                  pliant_contacts *out)
 {
     if (!has_any_near(settings->volume_near, mesh, positions, num_threads)) return PLIANT_OK;
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         const int32_t *tet = mesh->tets + 4 * (size_t)t;
-        const double rest = volume_of(tet, mesh->rest);
-        if (volume_of(tet, positions) >= settings->volume_near * rest || is_of_piece(tet, piece_of_node)) continue;
+        const double rest = volume_of(tet, mesh->rest), now = volume_of(tet, positions),
+                     stop = settings->volume_stop * rest;
+        if (now >= settings->volume_near * rest || is_of_piece(tet, piece_of_node)) continue;
         pliant_status status = pliant_contacts_reserve(out, out->count + 1);
         if (status != PLIANT_OK) return status;
-        set_point(t, tet, positions, settings->volume_stop * rest, out->point + out->count);
+        set_point(t, tet, positions, opens ? stop : fmin(stop, now), out->point + out->count);
         out->count++;
     }
     return PLIANT_OK;
@@ -183,8 +185,8 @@ static void find_coefficients(const int32_t tet[4], const double *from, const do
 
 static double limit_of(const pliant_contact_settings *settings, double rest, double from)
 {
-    const double stop = settings->volume_stop;
-    return fmax(fmin(settings->advance_keep * from, stop * rest), fmin(0.5 * stop * rest, from));
+    const double stop = settings->volume_stop * rest;
+    return pliant_advance_soft_limit(settings->advance_keep, stop, 0.5 * stop, from);
 }
 
 /* Return the largest fraction of a leg in which an element keeps its volume. An element that is inverted at the start

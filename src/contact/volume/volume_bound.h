@@ -22,9 +22,10 @@ extern "C" {
 /* Append a contact point for each element below the fraction volume_near of its rest volume, ascending by feature.
  * @param positions (nodes x 3) [m]
  * @param piece_of_node Nullable: (nodes) rigid piece or -1; elements of pieces have no point
+ * @param opens the points push elements open that are below volume_stop; otherwise they keep their volume
  * Errors: MEMORY. */
 pliant_status pliant_volume_find(const pliant_contact_settings *settings, const pliant_mesh *mesh,
-                                 const double *positions, const int32_t *piece_of_node, int num_threads,
+                                 const double *positions, const int32_t *piece_of_node, bool opens, int num_threads,
                                  pliant_contacts *out);
 
 /* Compute the gradient of the gap of such a point for each of its nodes. positions: (nodes x 3) [m] */
@@ -36,8 +37,9 @@ double pliant_volume_lacking(const pliant_contact_settings *settings, const plia
                              const pliant_contacts *points);
 
 /* Shorten the motion of nodes so that no element becomes too small during the leg. The limit is
- * max(min(advance_keep V, volume_stop V_rest), min(volume_stop V_rest / 2, V)), where V is the element's volume at the
- * start. All nodes move along straight lines in the same time. Elements that are inverted at the start are exempt.
+ * max(min(0.1 V, S), min(S / 2, max(0.9 V, min(S / 20, V)))), where V is the element's volume at the start, and S is
+ * the fraction volume_stop of its rest volume (pliant_advance_soft_limit). All nodes move along straight lines in the
+ * same time. Elements that are inverted at the start are exempt.
  * @param from, to (nodes x 3) positions at both ends of the leg [m]
  * @param piece_of_node as above
  * @param fraction (nodes) out: fraction of its motion that each node may make

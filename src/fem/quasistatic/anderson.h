@@ -29,54 +29,54 @@ extern "C" {
 enum { PLIANT_MAX_HISTORY = 20 };
 #define PLIANT_ANDERSON_MIN_RATE 1e-3 /* smaller rates are rounding: they count as this one */
 typedef enum pliant_anderson_next {
-    PLIANT_NEXT_DONE,      /* end the step at the present state */
-    PLIANT_NEXT_FIRST,     /* evaluate the initial state of the step */
-    PLIANT_NEXT_PREVIOUS,  /* evaluate the last evaluated state, from before a doubtful blind step */
+    PLIANT_NEXT_DONE,     /* end the step at the present state */
+    PLIANT_NEXT_FIRST,    /* evaluate the initial state of the step */
+    PLIANT_NEXT_PREVIOUS, /* evaluate the last evaluated state, from before a doubtful blind step */
     PLIANT_NEXT_TRIAL,
-    PLIANT_NEXT_DESCENT,   /* take the longest plain step that lowered the potential energy, for any merit */
-    PLIANT_NEXT_REST,      /* evaluate the rest state */
-    PLIANT_NEXT_BLIND      /* take the proposed step; the step ends */
+    PLIANT_NEXT_DESCENT, /* take the longest plain step that lowered the potential energy, for any merit */
+    PLIANT_NEXT_REST,    /* evaluate the rest state */
+    PLIANT_NEXT_BLIND    /* take the proposed step; the step ends */
 } pliant_anderson_next;
 
 typedef struct pliant_anderson {
     /* Limits of a step. */
     int32_t max_evaluations;
-    int32_t depth;             /* minimum number of secants to keep; 0: none */
-    int32_t capacity;              /* maximum number of secants to keep */
-    int32_t limits_secants;    /* after refusals, very large secants are left out */
-    double tolerance;          /* error at which a step ends, as a fraction of the largest displacement */
+    int32_t depth;                /* minimum number of secants to keep; 0: none */
+    int32_t capacity;             /* maximum number of secants to keep */
+    int32_t limits_secants;       /* after refusals, very large secants are left out */
+    double tolerance;             /* error at which a step ends, as a fraction of the largest displacement */
     double smallest_displacement; /* lower bound of the largest displacement in this fraction [m] */
-    int32_t is_cycle;          /* the preconditioner is a V-cycle */
+    int32_t is_cycle;             /* the preconditioner is a V-cycle */
     /* There is contact. The solver then limits the length of the step, and a doubtful blind step may be as long as any
      * other. */
     int32_t is_bounded;
 
     /* State between steps. */
-    int32_t refused;           /* number of trials since the last accepted trial */
-    int32_t omits_large_secants;           /* the last trial left out large secants */
-    int32_t slow;              /* consecutive steps that hardly lowered the merit */
-    int32_t follows_blind_step;             /* the present state follows a blind step and is not evaluated */
-    int32_t refused_any;          /* a trial of the last step was refused */
-    int32_t last_evaluations;  /* number of evaluations of the last step */
+    int32_t refused;             /* number of trials since the last accepted trial */
+    int32_t omits_large_secants; /* the last trial left out large secants */
+    int32_t slow;                /* consecutive steps that hardly lowered the merit */
+    int32_t follows_blind_step;  /* the present state follows a blind step and is not evaluated */
+    int32_t refused_any;         /* a trial of the last step was refused */
+    int32_t last_evaluations;    /* number of evaluations of the last step */
     /* Initial merit of the last step that was compared with the state before its blind step, or that had no blind step
      * before it. */
     double trusted_merit;
-    double rate;               /* mean merit ratio per evaluation in the last step; 0: no work was needed */
-    double descent;            /* largest damping of a plain step that lowered the potential energy; 0: none */
+    double rate;    /* mean merit ratio per evaluation in the last step; 0: no work was needed */
+    double descent; /* largest damping of a plain step that lowered the potential energy; 0: none */
     /* Logarithm of the merit ratio per evaluation, smoothed over steps: a lower bound of the remaining error. */
     double log_contraction;
     double reported_error;               /* reported error of the last step [m] */
-    uint64_t num_secants;      /* number of secants so far */
+    uint64_t num_secants;                /* number of secants so far */
     uint64_t number[PLIANT_MAX_HISTORY]; /* number of the secant in each slot, from 1; 0: empty */
 
     /* State within this step. */
     int32_t evaluations, rejected;
-    int32_t accepted;          /* a trial was accepted */
-    int32_t last;              /* the trial replaces a blind step and the evaluation of its end */
+    int32_t accepted; /* a trial was accepted */
+    int32_t last;     /* the trial replaces a blind step and the evaluation of its end */
     int32_t converged;
-    double merit;              /* of the present state */
-    double first_merit;        /* merit at the start of the step */
-    double before;             /* merit of the state before the present one */
+    double merit;       /* of the present state */
+    double first_merit; /* merit at the start of the step */
+    double before;      /* merit of the state before the present one */
     /* Estimated error of the final state: largest distance of a node from its converged position [m]. */
     double error;
     /* The same error of the previous step, estimated with this step's secants [m]. */
@@ -250,8 +250,10 @@ PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double me
         rules->descent = 0;
         return;
     }
-    if (rules->refused < 2 || rules->uses_secants) rules->secant_slot = isfinite(merit) && rules->depth > 0 ? 0 : -1;
-    else if (falls) rules->descent = fmax(rules->descent, rules->damping);
+    if (rules->refused < 2 || rules->uses_secants)
+        rules->secant_slot = isfinite(merit) && rules->depth > 0 ? 0 : -1;
+    else if (falls)
+        rules->descent = fmax(rules->descent, rules->damping);
     rules->refused += !(rules->omits_large_secants && rules->uses_secants);
     rules->refused_any = 1;
     rules->rejected++;
@@ -292,14 +294,11 @@ PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double me
         rules->merit = merit;
         rules->refused = 0;
         return false;
-    default:
-        pliant_anderson_judge_trial(rules, merit, falls);
-        return false;
+    default: pliant_anderson_judge_trial(rules, merit, falls); return false;
     }
 }
 
-/* End the step. Return false if no trial makes progress. The rest state may then be the better start, for example after
- * a collapse. */
+/* End the step. Return false if no trial makes progress. */
 PLIANT_INLINE bool pliant_anderson_finish(pliant_anderson *rules)
 {
     const double slow = pliant_get_quasistatic_settings().slow_rate; /* ratio of successive merits */
@@ -308,11 +307,15 @@ PLIANT_INLINE bool pliant_anderson_finish(pliant_anderson *rules)
     rules->rate = steps > 0 && rules->first_merit > 0 ? pow(rules->merit / rules->first_merit, 1.0 / steps) : 0.0;
     if (rules->accepted) rules->refused = 0;
     rules->slow = rules->rate > slow && !rules->converged ? rules->slow + 1 : 0;
-    if (rules->refused < pliant_get_quasistatic_settings().max_refused &&
-        rules->slow < pliant_get_quasistatic_settings().max_slow)
-        return true;
+    return rules->refused < pliant_get_quasistatic_settings().max_refused &&
+           rules->slow < pliant_get_quasistatic_settings().max_slow;
+}
+
+/* Evaluate the rest state. It may be the better start of the next step, for example after a collapse. */
+PLIANT_INLINE void pliant_anderson_try_rest(pliant_anderson *rules)
+{
     rules->refused = rules->slow = 0;
-    return false;
+    rules->next = PLIANT_NEXT_REST;
 }
 
 PLIANT_INLINE void pliant_anderson_propose(pliant_anderson *rules)
@@ -362,9 +365,10 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
         rules->next = PLIANT_NEXT_TRIAL;
         return;
     }
-    rules->next = !pliant_anderson_finish(rules) ? PLIANT_NEXT_REST
-                  : goes_on && !rules->last      ? PLIANT_NEXT_BLIND
-                                                 : PLIANT_NEXT_DONE;
+    rules->next = goes_on && !rules->last ? PLIANT_NEXT_BLIND : PLIANT_NEXT_DONE;
+    if (pliant_anderson_finish(rules) || left < 1) return;
+    rules->last = rules->last || left == 1;
+    pliant_anderson_try_rest(rules);
 }
 
 /* Finish a proposal (TRIAL, BLIND, DONE).

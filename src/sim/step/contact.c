@@ -264,7 +264,8 @@ static pliant_status find_small_elements(const pliant_model *model, pliant_data 
 {
     if (!pliant_contact_may_have_small_elements(model, data, false)) return PLIANT_OK;
     return pliant_volume_find(&model->contact, &data->body->fine, data->positions, pliant_contact_pieces(data),
-                              data->discretization->system->num_threads, &data->contact_search->point_buffer);
+                              !data->legs->holds_proxies, data->discretization->system->num_threads,
+                              &data->contact_search->point_buffer);
 }
 
 pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data *data)

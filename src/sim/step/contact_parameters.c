@@ -52,7 +52,7 @@ double pliant_contact_leg_distance(const pliant_data *data)
 
 double pliant_contact_max_recovery(const pliant_model *model, const pliant_data *data)
 {
-    return model->contact.recovery_speed * seconds_of(model, data);
+    return data->legs->holds_proxies ? 0 : model->contact.recovery_speed * seconds_of(model, data);
 }
 
 double pliant_contact_remaining_depth_fraction(const pliant_model *model, const pliant_data *data)

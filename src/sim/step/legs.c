@@ -642,12 +642,12 @@ pliant_status pliant_legs_run(const pliant_model *model, pliant_data *data, doub
     return status;
 }
 
-pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data)
+pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data, bool holds_proxies)
 {
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
     pliant_status status = begin_step(model, data);
     data->legs->first = true;
-    data->legs->holds_proxies = false;
+    data->legs->holds_proxies = data->legs->use_plane_constraints = holds_proxies;
     if (status == PLIANT_OK) status = begin_leg(model, data);
     if (status != PLIANT_OK) return status;
     set_goals(model, data, 1);

@@ -83,8 +83,9 @@ pliant_status pliant_legs_run(const pliant_model *model, pliant_data *data, doub
 /* Without contact: set all proxies to the target poses. */
 void pliant_legs_skip(const pliant_model *model, pliant_data *data);
 void pliant_legs_free(pliant_data *data);
-/* For tests: find the contact points of a leg in which all proxies go to their targets. Errors: MEMORY. */
-pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data);
+/* For tests: find the contact points of a leg in which all proxies go to their targets, or are held after a leg without
+ * progress. Errors: MEMORY. */
+pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data, bool holds_proxies);
 /* For tests: set the proxies to the goals of that leg, and end the step. */
 void pliant_legs_set_goals_reached(pliant_data *data);
 
