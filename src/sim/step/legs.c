@@ -20,7 +20,8 @@
 
 enum {
     MAX_LEGS = 32,          /* legs of a step that solver/iterations does not end first */
-    MAX_BLOCKED = 4,        /* blocked legs in a row */
+    MAX_BLOCKED = 4,        /* legs in a row without progress */
+    MAX_SHORTENED = 2,      /* shortened legs in a row before the proxies are held */
     MAX_CHECKED_TRIALS = 4, /* fractions of a leg of rigid pieces */
     MAX_HOLD_TRIALS = 3     /* fractions of the motion of tools that block a dynamic leg */
 };
@@ -544,6 +545,7 @@ typedef struct leg_budget {
         spent /* at least 1 in each leg */, iterations;
     double left, completed; /* fraction of the step that remains; fraction that the last leg made */
     int blocked;            /* number of successive legs that made almost no progress */
+    int shortened;          /* number of successive shortened legs since proxies were held */
     bool first;
 } leg_budget;
 
@@ -565,9 +567,10 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_contact, begin_leg);
     if (status != PLIANT_OK) return status;
     const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
-    /* After a leg without progress, the tissue alone moves. The parts are at rest then, so planes keep it out of them
-     * exactly. */
-    const bool holds = !is_dynamic(data) && budget->completed < PLIANT_ADVANCE_MIN_PROGRESS;
+    /* After a leg without progress or two shortened legs, the tissue alone moves. The parts are at rest then, so planes
+     * keep it out of them exactly. */
+    const bool holds = !is_dynamic(data) && (budget->completed < PLIANT_ADVANCE_MIN_PROGRESS ||
+                                             budget->shortened == MAX_SHORTENED);
     data->legs->holds_proxies = holds;
     data->fraction = fraction * budget->left;
     if (!budget->first) freeze_background(data);
@@ -588,6 +591,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->iterations += statistics->iterations;
     budget->completed = completed;
     budget->blocked = completed < PLIANT_ADVANCE_MIN_PROGRESS ? budget->blocked + 1 : 0;
+    budget->shortened = completed < 1 && !holds ? budget->shortened + 1 : 0;
     statistics->legs++;
     statistics->advanced = completed;
     const bool is_limited = data->legs->limited_by_elements;
@@ -619,6 +623,7 @@ pliant_status pliant_legs_run(const pliant_model *model, pliant_data *data, doub
     leg_budget budget = {.evaluations = data->solver ? data->solver->rules.max_evaluations : 0,
                          .left = 1,
                          .completed = completed,
+                         .shortened = completed < 1,
                          .first = true};
     const pliant_background background = data->background;
     bool done = false;
