@@ -424,7 +424,11 @@ static void move_against_resistance(const knife *work, const double last[3], boo
     if (ahead.force > 0 && !blade->is_dragging && !move_edge_outside_tissue(work, &reattach)) return;
     const int32_t inside = pliant_blade_num_inside(&blade->edge);
     if (ahead.force == 0 || inside == 0) {
-        if (!blade->has_slipped || !set_free_tissue_force(work, 0, last)) cut_freely(work);
+        /* The step that leaves the tissue pays the account, and in air there is no force. Subdivided tissue is severed
+         * some steps after the blade has left it, and is paid for then. */
+        const bool has_left =
+            ahead.force == 0 && inside == 0 && blade->engaged_length == 0 && !work->data->body->subdivision;
+        if (!blade->has_slipped || has_left || !set_free_tissue_force(work, 0, last)) cut_freely(work);
         return;
     }
     blade->stiffness = 2 * ahead.force / reach_of(work);
