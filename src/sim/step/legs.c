@@ -568,9 +568,10 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     if (status != PLIANT_OK) return status;
     const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
     /* After a leg without progress or two shortened legs, the tissue alone moves. The parts are at rest then, so planes
-     * keep it out of them exactly. */
-    const bool holds = !is_dynamic(data) && (budget->completed < PLIANT_ADVANCE_MIN_PROGRESS ||
-                                             budget->shortened == MAX_SHORTENED);
+     * keep it out of them exactly. Where nodes move together, tissue seldom gets away alone. */
+    const bool holds =
+        !is_dynamic(data) && (budget->completed < PLIANT_ADVANCE_MIN_PROGRESS ||
+                              (budget->shortened == MAX_SHORTENED && moves_single_nodes(data)));
     data->legs->holds_proxies = holds;
     data->fraction = fraction * budget->left;
     if (!budget->first) freeze_background(data);
@@ -591,7 +592,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->iterations += statistics->iterations;
     budget->completed = completed;
     budget->blocked = completed < PLIANT_ADVANCE_MIN_PROGRESS ? budget->blocked + 1 : 0;
-    budget->shortened = completed < 1 && !holds ? budget->shortened + 1 : 0;
+    budget->shortened = completed < 1 && !holds ? (int)fmin(budget->shortened + 1, MAX_SHORTENED) : 0;
     statistics->legs++;
     statistics->advanced = completed;
     const bool is_limited = data->legs->limited_by_elements;
