@@ -150,7 +150,10 @@ struct Leg {
         return found.minimum;
     }
     double limit(double d) const { return std::max(std::min(0.1 * d, 0.5 * leg.guard), below(0.05 * leg.guard, d)); }
-    static double below(double floor, double d) { return std::min(floor, std::max(0.9 * d, std::min(0.1 * floor, d))); }
+    static double below(double floor, double d)
+    {
+        return std::min(floor, std::max(0.9 * d, std::min(0.1 * floor, d - 1e-12)));
+    }
 };
 
 pliant_solid *bracket() // an L-shaped solid, which is not convex

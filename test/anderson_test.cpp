@@ -36,9 +36,9 @@ struct Rules : pliant_anderson {
         pliant_anderson_reset(this);
         pliant_anderson_begin(this);
     }
-    void evaluate(double state_merit, bool mixed = true, bool time = true, double made = 1)
+    void evaluate(double state_merit, bool mixed = true, bool time = true, double made = 1, double slope = 0)
     {
-        pliant_anderson_judge(this, state_merit, 0, time ? INT32_MAX : 0);
+        pliant_anderson_judge(this, state_merit, slope, time ? INT32_MAX : 0);
         if (next != PLIANT_NEXT_PREVIOUS && next != PLIANT_NEXT_REST && next != PLIANT_NEXT_DESCENT)
             pliant_anderson_finish_proposal(this, mixed, 1, made, 1);
     }
@@ -66,24 +66,27 @@ TEST(Anderson, RejectionsLeadToUnmixedAndShorterSteps)
     EXPECT_TRUE(rules.accepts_state && rules.next == PLIANT_NEXT_DONE);
 }
 
-// A step without progress may evaluate the rest state, but never uses more evaluations than its limit. If it has none
-// left for that, the next step does so.
-TEST(Anderson, TheRestStateIsWithinTheLimitOfEvaluations)
+// A step without progress may evaluate the rest state, or a step that lowers the potential energy. Both are within the
+// limit of evaluations. If a step has none left for them, the next step evaluates them.
+TEST(Anderson, AttemptsWithoutProgressAreWithinTheLimitOfEvaluations)
 {
-    int tried = 0;
-    for (int limit = 1; limit <= 20; limit++) {
+    int tried = 0, descents = 0;
+    for (int run = 0; run < 40; run++) {
+        const int limit = 1 + run % 20;
         Rules rules;
         rules.max_evaluations = limit;
         for (int step = 0; step < 40; step++) {
             pliant_anderson_begin(&rules);
             do {
-                rules.evaluate(2); // the first one is accepted, all others are refused
+                rules.evaluate(2, true, true, 1, run < 20 ? 0 : 1); // the first is accepted, all others are refused
                 tried += rules.next == PLIANT_NEXT_REST;
+                descents += rules.next == PLIANT_NEXT_DESCENT;
             } while (rules.next != PLIANT_NEXT_DONE && rules.next != PLIANT_NEXT_BLIND);
             ASSERT_LE(rules.evaluations - rules.last, limit) << step;
         }
     }
     EXPECT_GT(tried, 20);
+    EXPECT_GT(descents, 20);
 }
 
 TEST(Anderson, WithoutTimeAfterARejectionTheNextStepIsNotEvaluated)

@@ -73,12 +73,10 @@ void expect_kept(const Leg &leg, const std::vector<double> &fraction, int number
     for (int n = 0; n <= 40; n++) {
         const std::vector<double> x = leg.at(n / 40.0, fraction);
         for (int32_t t = 0; t < leg.mesh.num_tets; t++) {
-            const double begin = leg.ratio(t, leg.from), floor = 0.5 * settings.volume_stop;
-            const auto limit = [floor](double v) {
-                return std::min(floor, std::max(0.9 * v, std::min(0.1 * floor, v)));
-            };
+            const double begin = leg.ratio(t, leg.from);
             if (begin > 0)
-                ASSERT_GE(leg.ratio(t, x), limit(begin) * (1 - 1e-9)) << number << ": " << t << " at " << n / 40.0;
+                ASSERT_GE(leg.ratio(t, x), std::min(0.5 * settings.volume_stop, begin) * (1 - 1e-9))
+                    << number << ": " << t << " at " << n / 40.0;
         }
     }
 }

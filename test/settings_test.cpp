@@ -69,6 +69,7 @@ const std::set<std::string> numerical = {
     "contact/advance/advance_rules.h PLIANT_ADVANCE_MIN_STEP",
     "contact/advance/advance_rules.h PLIANT_ADVANCE_NEAR_LIMIT",
     "contact/advance/advance_rules.h PLIANT_ADVANCE_SAFETY",
+    "contact/advance/advance_rules.h PLIANT_ADVANCE_SLACK",
     "contact/advance/convex_bound.c exact",
     "contact/advance/convex_bound.c tiny",
     "contact/advance/field_bound.c close_start",

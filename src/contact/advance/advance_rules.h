@@ -8,8 +8,11 @@
 
 #include <math.h>
 
-/* Return the distance below which pairs may only separate. A first leg may reach advance_stop. A second leg keeps the
- * fraction advance_keep of it. */
+/* Tolerance of distances, so that rounding does not block tissue that moves with a part [m] */
+#define PLIANT_ADVANCE_SLACK 1e-12
+
+/* Return the distance below which pairs of tissue may only separate, and pairs of a part hardly approach. A first leg
+ * may reach advance_stop. A second leg keeps the fraction advance_keep of it. */
 PLIANT_INLINE double pliant_advance_min_distance(const pliant_contact_settings *settings, double guard)
 {
     return settings->advance_keep * settings->advance_stop * guard;
@@ -19,17 +22,18 @@ PLIANT_INLINE double pliant_advance_min_distance(const pliant_contact_settings *
  * stays above this limit does not shorten the leg. */
 PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *settings, double guard, double distance)
 {
-    const double slack = 1e-12; /* tolerance, so that rounding does not block tissue that moves with a part [m] */
     return fmax(fmin(settings->advance_keep * distance, settings->advance_stop * guard),
-                fmin(pliant_advance_min_distance(settings, guard), distance - slack));
+                fmin(pliant_advance_min_distance(settings, guard), distance - PLIANT_ADVANCE_SLACK));
 }
 
-/* Return the smallest value that a pair of a part, or the volume of an element, may reach in a leg, from its value at
- * the start. A value below the floor may lose the fraction keep, because contact forces are found within a tolerance.
- * Otherwise the tolerance could stop every leg. No value falls below the fraction keep of the floor. */
-PLIANT_INLINE double pliant_advance_soft_limit(double keep, double stop, double floor, double value)
+/* Return the smallest distance that a pair of a part may reach in a leg, from its distance at the start. A distance
+ * below the floor may lose the fraction keep, because contact forces are found within a tolerance.
+ * Otherwise the tolerance could stop every leg. No larger value falls below the fraction keep of the floor. */
+PLIANT_INLINE double pliant_advance_part_limit(const pliant_contact_settings *settings, double guard, double distance)
 {
-    return fmax(fmin(keep * value, stop), fmin(floor, fmax((1 - keep) * value, fmin(keep * floor, value))));
+    const double keep = settings->advance_keep, floor = pliant_advance_min_distance(settings, guard);
+    return fmax(fmin(keep * distance, settings->advance_stop * guard),
+                fmin(floor, fmax((1 - keep) * distance, fmin(keep * floor, distance - PLIANT_ADVANCE_SLACK))));
 }
 
 /* Return whether two parts of the tissue start nearer than any leg leaves them, or coincide at rest: they were created

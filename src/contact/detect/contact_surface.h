@@ -5,10 +5,10 @@
  * tetrahedron is near, it encloses also those with less tissue. The surface's corners are moved along its normal to
  * the boundary of the tissue in the voxels, by at most one cube. Corners between full or empty elements are not
  * moved. A moved corner is a point of a tetrahedron: it moves with it, and contact forces act on that tetrahedron's
- * nodes. With hexahedra, emptier cubes than min_cube_tissue carry no corner. Contact forces would distort them so much
- * that the equilibrium depends on the path. Their corners belong to a tetrahedron of a fuller cube instead, and follow
- * it by linear extrapolation. With contact of tissue on tissue, corners are moved less where the surface would
- * intersect itself at rest. */
+ * nodes. With hexahedra, emptier cubes than min_cube_tissue carry no moved corner if the node has a fuller cube.
+ * Contact forces would distort them so much that the equilibrium depends on the path. Their corners belong to a
+ * tetrahedron of a fuller cube instead, and follow it by linear extrapolation. With contact of tissue on tissue,
+ * corners are moved less where the surface would intersect itself at rest. */
 #ifndef PLIANT_CONTACT_CONTACT_SURFACE_H
 #define PLIANT_CONTACT_CONTACT_SURFACE_H
 
@@ -26,8 +26,8 @@ typedef struct pliant_contact_surface_voxels {
     const pliant_geometry *geometry;
     const uint8_t *material_of_voxel;
     const pliant_material_table *materials;
-    double min_cube_tissue;      /* with hexahedra: the setting of this name (contact/settings.h); otherwise 0 */
-    bool has_self_contact;       /* there is contact of tissue on tissue */
+    double min_cube_tissue; /* with hexahedra: the setting of this name (contact/settings.h); otherwise 0 */
+    bool has_self_contact;  /* there is contact of tissue on tissue */
     int threads;
 } pliant_contact_surface_voxels;
 
@@ -41,7 +41,7 @@ typedef struct pliant_contact_surface {
     int32_t *tet;           /* (nodes) as tet_at_load */
     pliant_body view;       /* the topology with the triangles of the contact surface */
     int32_t *triangles;
-    double *positions;         /* (nodes x 3) positions; for nodes of the surface, of their corners [m] */
+    double *positions; /* (nodes x 3) positions; for nodes of the surface, of their corners [m] */
 } pliant_contact_surface;
 
 void pliant_contact_surface_free(pliant_contact_surface *surface); /* frees its contents */

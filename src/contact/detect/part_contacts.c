@@ -432,7 +432,7 @@ static void write_plane(const search *on, const pliant_feature *face, double dis
     const double step = on->detector->settings.advance_keep, left = part->guard - part->core_offset,
                  core = distance + left, minimum = 0.5 * on->detector->settings.plane_distance * left;
     /* offset of the plane from the triangle's nearest point */
-    const double away = core < minimum ? fmin(step * left, part->recovery) : -step * core;
+    const double away = core < minimum ? (part->recovery > 0 ? step * left : 0) : -step * core;
     double point[3], local[3], place[3], before[3];
     point_of(on, face, point);
     pliant_pose_from(&part->begin, point, local);

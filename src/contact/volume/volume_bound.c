@@ -2,7 +2,6 @@
 
 #include "base/cubic.h"
 #include "base/vector3.h"
-#include "contact/advance/advance_rules.h"
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"
 #include "contact/volume/volume_rules.h"
@@ -185,8 +184,8 @@ static void find_coefficients(const int32_t tet[4], const double *from, const do
 
 static double limit_of(const pliant_contact_settings *settings, double rest, double from)
 {
-    const double stop = settings->volume_stop * rest;
-    return pliant_advance_soft_limit(settings->advance_keep, stop, 0.5 * stop, from);
+    const double stop = settings->volume_stop;
+    return fmax(fmin(settings->advance_keep * from, stop * rest), fmin(0.5 * stop * rest, from));
 }
 
 /* Return the largest fraction of a leg in which an element keeps its volume. An element that is inverted at the start

@@ -37,9 +37,8 @@ double pliant_volume_lacking(const pliant_contact_settings *settings, const plia
                              const pliant_contacts *points);
 
 /* Shorten the motion of nodes so that no element becomes too small during the leg. The limit is
- * max(min(0.1 V, S), min(S / 2, max(0.9 V, min(S / 20, V)))), where V is the element's volume at the start, and S is
- * the fraction volume_stop of its rest volume (pliant_advance_soft_limit). All nodes move along straight lines in the
- * same time. Elements that are inverted at the start are exempt.
+ * max(min(advance_keep V, volume_stop V_rest), min(volume_stop V_rest / 2, V)), where V is the element's volume at the
+ * start. All nodes move along straight lines in the same time. Elements that are inverted at the start are exempt.
  * @param from, to (nodes x 3) positions at both ends of the leg [m]
  * @param piece_of_node as above
  * @param fraction (nodes) out: fraction of its motion that each node may make

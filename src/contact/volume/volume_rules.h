@@ -27,8 +27,7 @@ PLIANT_INLINE bool pliant_volume_is_below(double fraction, pliant_volume_edges n
            fraction * pliant_volume_triple(rest[0], rest[1], rest[2], l);
 }
 
-/* Return whether the volume may fall below its limit during a leg from a to b. The limit here is not below the exact
- * one (volume_bound.c). The Bernstein coefficients of the volume
+/* Return whether the volume may fall below its limit during a leg from a to b. The Bernstein coefficients of the volume
  * bound it (volume_bound.c). keep, stop: settings advance_keep and volume_stop */
 PLIANT_INLINE bool pliant_volume_may_be_small(double keep, double stop, pliant_volume_edges a, pliant_volume_edges b,
                                               pliant_volume_edges rest, int l)

@@ -346,17 +346,18 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
     if (pliant_anderson_judge_state(rules, merit, falls)) return;
     if (rules->secant_slot == 0) rules->secant_slot = pliant_anderson_free_slot(rules);
     if (rules->drops_secants) pliant_anderson_drop_secants(rules);
-    if (rules->refused >= pliant_get_quasistatic_settings().max_refused && rules->descent > 0) {
+    const int32_t iterations = rules->max_evaluations + 1 - rules->evaluations,
+                  left = iterations < affordable ? iterations : affordable;
+    if (rules->refused >= pliant_get_quasistatic_settings().max_refused && rules->descent > 0 && left >= 1) {
         /* The merit has a minimum here that is no equilibrium, next to a state that the tissue leaves by snapping. The
          * potential energy still decreases. */
         rules->next = PLIANT_NEXT_DESCENT;
+        rules->last = rules->last || left == 1;
         rules->uses_secants = 0;
         rules->damping = rules->descent;
         return;
     }
     pliant_anderson_propose(rules);
-    const int32_t iterations = rules->max_evaluations + 1 - rules->evaluations,
-                  left = iterations < affordable ? iterations : affordable;
     const bool goes_on =
         rules->accepted ? rules->refused == 0 && rules->merit < went_well * rules->before : isfinite(rules->merit);
     if (rules->refused < pliant_get_quasistatic_settings().max_refused && !rules->last &&

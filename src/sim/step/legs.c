@@ -545,7 +545,8 @@ typedef struct leg_budget {
         spent /* at least 1 in each leg */, iterations;
     double left, completed; /* fraction of the step that remains; fraction that the last leg made */
     int blocked;            /* number of successive legs that made almost no progress */
-    int shortened;          /* number of successive shortened legs since proxies were held */
+    int shortened;          /* number of successive legs that fell short; the last leg of the previous step counts */
+    bool held;              /* the last leg of this step held the proxies */
     bool first;
 } leg_budget;
 
@@ -567,11 +568,12 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_contact, begin_leg);
     if (status != PLIANT_OK) return status;
     const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
-    /* After a leg without progress or two shortened legs, the tissue alone moves. The parts are at rest then, so planes
-     * keep it out of them exactly. Where nodes move together, tissue seldom gets away alone. */
-    const bool holds =
-        !is_dynamic(data) && (budget->completed < PLIANT_ADVANCE_MIN_PROGRESS ||
-                              (budget->shortened == MAX_SHORTENED && moves_single_nodes(data)));
+    /* After a leg without progress, or two shortened legs of pressed tissue, the tissue alone moves. The parts are at
+     * rest then, so planes keep it out of them exactly. Where nodes move together, tissue seldom gets away alone. Every
+     * second leg is free, so that proxies can always retreat. */
+    const bool holds = !is_dynamic(data) && !budget->held &&
+                       (budget->completed < PLIANT_ADVANCE_MIN_PROGRESS ||
+                        (budget->shortened >= MAX_SHORTENED && moves_single_nodes(data) && is_pressed(data)));
     data->legs->holds_proxies = holds;
     data->fraction = fraction * budget->left;
     if (!budget->first) freeze_background(data);
@@ -592,7 +594,8 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->iterations += statistics->iterations;
     budget->completed = completed;
     budget->blocked = completed < PLIANT_ADVANCE_MIN_PROGRESS ? budget->blocked + 1 : 0;
-    budget->shortened = completed < 1 && !holds ? (int)fmin(budget->shortened + 1, MAX_SHORTENED) : 0;
+    budget->shortened = completed < 1 && !holds ? budget->shortened + 1 : 0;
+    budget->held = holds;
     statistics->legs++;
     statistics->advanced = completed;
     const bool is_limited = data->legs->limited_by_elements;
