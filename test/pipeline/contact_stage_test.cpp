@@ -12,6 +12,18 @@
 
 namespace {
 
+// Add a plate of 50 mm, and return its number.
+int add_plate(Body &body)
+{
+    pliant_tool_shape plate{};
+    plate.num_parts = 1;
+    plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.025, -0.025, 0}, {0.025, 0.025, 0.02}, 0, false};
+    int tool = -1;
+    EXPECT_EQ(pliant_tool_add(body.model, body.data, "plate", &tool), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_set_shape(body.data, tool, &plate), PLIANT_OK) << pliant_last_error();
+    return tool;
+}
+
 // Tissue ends halfway up the highest cubes, where a plate meets it. Before contact there is no force; afterwards it
 // equals the force of a mesh whose cubes end there.
 TEST(ContactStage, ElementsAreTouchedWhereTheirTissueEnds)
@@ -29,13 +41,8 @@ TEST(ContactStage, ElementsAreTouchedWhereTheirTissueEnds)
             block.scene.solver.iterations = 30;
             block.scene.solver.tolerance = 1e-4;
             ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-            pliant_tool_shape plate{};
-            plate.num_parts = 1;
-            plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.025, -0.025, 0}, {0.025, 0.025, 0.02}, 0, false};
-            int tool = -1;
             double tip[3] = {0.04, 0.04, top + 0.001}, torque[3];
-            ASSERT_EQ(pliant_tool_add(block.model, block.data, "plate", &tool), PLIANT_OK);
-            ASSERT_EQ(pliant_tool_set_shape(block.data, tool, &plate), PLIANT_OK) << pliant_last_error();
+            const int tool = add_plate(block);
             for (int pressed = 0; pressed < 2; pressed++) {
                 for (int s = 0; s < (pressed ? 6 : 1); s++) {
                     if (pressed && s < 4) tip[2] -= 0.002;
@@ -72,12 +79,7 @@ TEST(ContactStage, HexahedraWithLittleTissueCarryNoContact)
         block.scene.solver.iterations = 30;
         block.scene.solver.tolerance = 1e-4;
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-        pliant_tool_shape plate{};
-        plate.num_parts = 1;
-        plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.025, -0.025, 0}, {0.025, 0.025, 0.02}, 0, false};
-        int tool = -1;
-        ASSERT_EQ(pliant_tool_add(block.model, block.data, "plate", &tool), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_set_shape(block.data, tool, &plate), PLIANT_OK) << pliant_last_error();
+        const int tool = add_plate(block);
         for (int s = 0; s < 6; s++) {
             const double tip[3] = {0.04, 0.04, top + 0.001 - 0.002 * std::min(s, 4)};
             ASSERT_EQ(pliant_tool_set_pose(block.data, tool, tip, nullptr), PLIANT_OK);

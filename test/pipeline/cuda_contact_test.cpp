@@ -313,7 +313,7 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             for (int32_t n = 0; n < nodes; n++)
                 if (!pliant_rigid_pieces_contain(cpu.data->rigid_pieces, n))
                     worst = std::fmax(worst, farthest(cpu.data->positions + 3 * n, gpu.data->positions + 3 * n, 1));
-            // Forces and position of a piece that jams between ball and ground are not determined: on the CPU alone, a
+            // Forces and position of a piece that jams between ball and ground are not determined. On the CPU alone, a
             // relative change of positions by 1e-13 moves the piece by 7e-6 m. Its weight is 0.03 N.
             if (max_distance_of(here) > 1) continue;
             worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, nodes));
