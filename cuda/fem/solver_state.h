@@ -128,6 +128,8 @@ typedef struct gpu_iteration {
     double *d_rotations;       /* (num_tets or macro-elements x 16) contributions to the nodes' axes, nine numbers and
                                 * padding */
     double *d_axes;            /* (num_free x 9) axes of the nodes */
+    /* Nullable: (num_free x 9) rotations since rest in the preconditioner's state; NULL: I. */
+    const double *d_reference;
     float *d_right, *d_left;   /* (n, padded) input and output of the preconditioner */
     double *d_sums;            /* (GATHER_SUMS x blocks of the gather), then (DOT_SUMS x blocks of the dot products) */
     gpu_pressures pressures;

@@ -119,7 +119,7 @@ typedef struct pliant_statistics {
     uint64_t not_converged;     /**< total number of steps above the tolerance */
     uint64_t rejected;          /**< total number of Anderson steps that the safeguard rejected */
     uint64_t failed;            /**< total number of steps that failed and were rolled back */
-    uint64_t factors;           /**< total number of factors in use so far; on a GPU, updates of its preconditioner for
+    uint64_t factors;           /**< total number of factors in use so far; on a GPU, with rotations of its axes for
                                  *   springs */
     size_t bytes;               /**< memory of this simulation after its last step, cut, undo or reset, without shared
                                  *   memory [bytes] */

@@ -445,6 +445,39 @@ TEST(CudaContact, JawsHoldAsOnTheCpu)
     EXPECT_NEAR(gpu.force(), cpu.force(), 0.05 * std::fabs(cpu.force()));
 }
 
+// Jaws crush tissue, so trials of the preconditioner of the rest state are refused. One of the deformed state replaces
+// it. A reset and a cut return to the rest state.
+TEST(CudaContact, RenewsThePreconditionerUnderTools)
+{
+    NEEDS_GPU();
+    Tongue gpu(0.5, [](pliant_scene &scene) {
+        scene.solver.backend = PLIANT_CUDA;
+        scene.solver.refresh_delay = 2;
+        scene.cut.kind = PLIANT_CUT_SEVER;
+    });
+    const auto close = [&](int s) {
+        gpu.go(std::fmax(0.03 - 0.01 * s, 0), std::fmax(0.7 - 0.1 * std::max(s - 3, 0), 0));
+    };
+    std::vector<double> results[2];
+    const size_t count = 3 * static_cast<size_t>(gpu.data->body->fine.num_nodes);
+    for (std::vector<double> &result : results) {
+        int s = 0;
+        for (; s < 40 && gpu.data->statistics.factors == 0; s++) close(s);
+        ASSERT_GT(gpu.data->statistics.factors, 0u);
+        for (const int end = s + 6; s < end; s++) close(s);
+        result.assign(gpu.data->positions, gpu.data->positions + count);
+        if (&result == results) ASSERT_EQ(pliant_data_reset(gpu.model, gpu.data), PLIANT_OK) << pliant_last_error();
+    }
+    EXPECT_EQ(results[0], results[1]);
+    const double points[6] = {0.024, -0.01, 0.012, 0.024, 0.02, 0.012}, depth[3] = {0, 0, 0.004};
+    ASSERT_EQ(pliant_data_cut(gpu.model, gpu.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+    const uint64_t factors = gpu.data->statistics.factors;
+    for (int s = 40; s < 60; s++) close(s);
+    EXPECT_GT(gpu.data->statistics.factors, factors);
+    EXPECT_GT(gpu.min_volume(), 0);
+    EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+}
+
 // Tools keep their force limits, and jaws their grip torque (swept_test, grasp_test).
 TEST(CudaContact, KeepsForceLimits)
 {

@@ -229,7 +229,13 @@ static __global__ void __launch_bounds__(GATHER_THREADS)
     double sum[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, turn[9];
     if (!identity) sum_elements(system, iteration, n, sum);
     rotation_of(sum, turn);
-    for (int m = 0; m < 9; m++) iteration.d_axes[9 * (size_t)n + m] = turn[m];
+    for (int m = 0; m < 9; m++) sum[m] = turn[m];
+    const double *from = iteration.d_reference + 9 * (size_t)n;
+    for (int m = 0; m < 9 && iteration.d_reference && !identity; m++) {
+        const double *now = turn + m / 3 * 3, *before = from + m % 3 * 3;
+        sum[m] = now[0] * before[0] + now[1] * before[1] + now[2] * before[2];
+    }
+    for (int m = 0; m < 9; m++) iteration.d_axes[9 * (size_t)n + m] = sum[m];
 }
 
 int pliant_cuda_gather_blocks(const gpu_system *system) { return (int)blocks_for(system->num_free, NODES); }

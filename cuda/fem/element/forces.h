@@ -14,7 +14,8 @@ pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *
 /* Compute d_residual = T' (load + extra - elastic) with T = d_axes, d_right as its copy, and the sums of work in
  * d_sums. The order is fixed. */
 pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream);
-/* Compute d_axes: the rotation nearest to the mean of the rotations of adjacent elements in the present iterate.
+/* Compute d_axes: the rotation nearest to the mean of the rotations of adjacent elements in the present iterate, since
+ * d_reference.
  * identity: set I instead. */
 pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity,
                                  cudaStream_t stream);

@@ -2,8 +2,7 @@
  *     M^-1 = S + E P V P' E',  E = I - S K
  * S is the inverse of the stiffness on the inner unknowns i. Outer unknowns o share an element with an inner one. E
  * changes only inner unknowns, where it gives -S K_io v_o. S and K_oi S are stored as dense matrices, from one
- * symmetric sweep over the inner unknowns. Like all inverses on the GPU they belong to the rest state, and vectors are
- * in the nodes' axes. */
+ * symmetric sweep over the inner unknowns. Like V they belong to the rest state, and vectors are in the nodes' axes. */
 #ifndef PLIANT_CUDA_FEM_LINEAR_CARRIED_PRECONDITIONER_H
 #define PLIANT_CUDA_FEM_LINEAR_CARRIED_PRECONDITIONER_H
 

@@ -120,8 +120,8 @@ static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hier
 }
 
 /* Copy the values of the CPU's multigrid. */
-static pliant_status fill_at_rest(gpu_multigrid *multigrid, const pliant_system *system,
-                                  const pliant_hierarchy *hierarchy, cudaStream_t stream)
+static pliant_status fill_at(const double *h_x, gpu_multigrid *multigrid, const pliant_system *system,
+                             const pliant_hierarchy *hierarchy, cudaStream_t stream)
 {
     pliant_multigrid *numbers = nullptr;
     pliant_tangent *h_tangents =
@@ -129,7 +129,7 @@ static pliant_status fill_at_rest(gpu_multigrid *multigrid, const pliant_system 
     pliant_status status = h_tangents ? pliant_multigrid_create(hierarchy, system->num_threads, &numbers)
                                       : pliant_fail_memory("the multigrid");
     if (status == PLIANT_OK) {
-        pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, h_tangents);
+        pliant_system_tangents(system, h_x, PLIANT_TWIST_POSITIVE, h_tangents);
         status = pliant_multigrid_numeric(numbers, h_tangents);
     }
     if (status == PLIANT_OK) status = fill(multigrid, hierarchy, numbers, stream);
@@ -151,8 +151,8 @@ static pliant_status find_levels(const pliant_system *system, int32_t largest, p
     return PLIANT_OK;
 }
 
-pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t largest, cudaStream_t stream,
-                                           gpu_multigrid **out)
+pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *h_x, int32_t largest,
+                                           cudaStream_t stream, gpu_multigrid **out)
 {
     pliant_hierarchy *hierarchy = nullptr;
     *out = nullptr;
@@ -160,7 +160,7 @@ pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t 
     if (!hierarchy) return PLIANT_OK;
     gpu_multigrid *multigrid = static_cast<gpu_multigrid *>(pliant_calloc(1, sizeof *multigrid));
     pliant_status status =
-        multigrid ? fill_at_rest(multigrid, system, hierarchy, stream) : pliant_fail_memory("the multigrid");
+        multigrid ? fill_at(h_x, multigrid, system, hierarchy, stream) : pliant_fail_memory("the multigrid");
     pliant_hierarchy_free(hierarchy);
     if (status != PLIANT_OK) {
         pliant_cuda_multigrid_free(multigrid);

@@ -8,12 +8,13 @@
 
 typedef struct gpu_multigrid gpu_multigrid;
 
-/* Create the multigrid of the rest state.
+/* Create the multigrid of one state.
+ * @param h_x      (3 num_nodes) the state [m].
  * @param largest  Maximum number of free nodes of the dense level.
  * @param out      NULL if the lattice cannot be coarsened that much.
  * Errors: MEMORY, NUMERIC, UNAVAILABLE. */
-pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t largest, cudaStream_t stream,
-                                           gpu_multigrid **out);
+pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *h_x, int32_t largest,
+                                           cudaStream_t stream, gpu_multigrid **out);
 void pliant_cuda_multigrid_free(gpu_multigrid *multigrid); /* Nullable */
 size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid);
 /* Do the same as pliant_cuda_inverse_apply. */

@@ -13,32 +13,36 @@ enum { THREADS = 128 };
  * unknowns^2. */
 enum { LARGEST_DENSE = 2000, COARSEST = 1600, LARGEST_REQUESTED = 16000 };
 
-static pliant_status create_inverse(const pliant_system *system, cudaStream_t stream, gpu_preconditioner *out)
+/* Use the exact tangent if it is positive definite, as it is near a stable state. */
+static pliant_status create_inverse(const pliant_system *system, const double *h_x, cudaStream_t stream,
+                                    gpu_preconditioner *out)
 {
     double *h_values = static_cast<double *>(pliant_calloc((size_t)system->pattern.num_values, sizeof(double)));
     pliant_tangent *h_tangents =
         static_cast<pliant_tangent *>(pliant_calloc((size_t)system->num_blocks, sizeof(pliant_tangent)));
     pliant_status status = h_values && h_tangents ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
-    if (status == PLIANT_OK) {
-        pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, h_tangents);
+    for (int twist = PLIANT_TWIST_EXACT; h_values && h_tangents && twist <= PLIANT_TWIST_POSITIVE; twist++) {
+        pliant_system_tangents(system, h_x, (pliant_twist)twist, h_tangents);
         pliant_system_assemble(system, h_tangents, h_values);
         status = pliant_cuda_inverse_create(&system->pattern, h_values, false, stream, &out->inverse);
-        pliant_cuda_inverse_memory(3 * system->num_free, &out->bytes);
+        if (status != PLIANT_ERROR_NUMERIC) break;
     }
+    pliant_cuda_inverse_memory(3 * system->num_free, &out->bytes);
     pliant_free(h_values);
     pliant_free(h_tangents);
     return status;
 }
 
-static pliant_status create_multigrid(const pliant_system *system, cudaStream_t stream, gpu_preconditioner *out)
+static pliant_status create_multigrid(const pliant_system *system, const double *h_x, cudaStream_t stream,
+                                      gpu_preconditioner *out)
 {
-    CUDA_TRY(pliant_cuda_multigrid_create(system, COARSEST, stream, &out->multigrid));
+    CUDA_TRY(pliant_cuda_multigrid_create(system, h_x, COARSEST, stream, &out->multigrid));
     if (out->multigrid) out->bytes = pliant_cuda_multigrid_bytes(out->multigrid);
     return PLIANT_OK;
 }
 
-static pliant_status create(const pliant_system *system, pliant_preconditioner_choice choice, cudaStream_t stream,
-                            gpu_preconditioner *out)
+static pliant_status create(const pliant_system *system, const double *h_x, pliant_preconditioner_choice choice,
+                            cudaStream_t stream, gpu_preconditioner *out)
 {
     CUDA_TRY(pliant_carried_layout_create(system, &out->layout));
     const bool layered =
@@ -46,7 +50,7 @@ static pliant_status create(const pliant_system *system, pliant_preconditioner_c
     /* An octree and macro-elements across cubes have no coarser lattice. */
     const bool nested = system->mesh->lattice_of_tet && (!system->macros || system->macros->cell);
     if (layered && nested) {
-        CUDA_TRY(create_multigrid(system, stream, out));
+        CUDA_TRY(create_multigrid(system, h_x, stream, out));
         if (out->multigrid) return PLIANT_OK;
         pliant_log(PLIANT_LOG_INFO,
                    "this lattice cannot be coarsened enough for multigrid on the GPU; its matrix is inverted");
@@ -59,14 +63,15 @@ static pliant_status create(const pliant_system *system, pliant_preconditioner_c
             "that can be halved for multigrid",
             system->num_free, 1e-9 * (double)maximum, LARGEST_REQUESTED);
     }
-    return create_inverse(system, stream, out);
+    return create_inverse(system, h_x, stream, out);
 }
 
-pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice,
-                                                cudaStream_t stream, gpu_preconditioner *out)
+pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, const double *h_x,
+                                                pliant_preconditioner_choice choice, cudaStream_t stream,
+                                                gpu_preconditioner *out)
 {
     memset(out, 0, sizeof *out);
-    const pliant_status status = create(system, choice, stream, out);
+    const pliant_status status = create(system, h_x, choice, stream, out);
     if (status != PLIANT_OK) pliant_cuda_preconditioner_free(out);
     return status;
 }

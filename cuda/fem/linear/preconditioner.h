@@ -1,4 +1,4 @@
-/* The approximate inverse of the stiffness matrix of the rest state, applied in axes that rotate with each node. */
+/* The approximate inverse of the stiffness matrix of one state, applied in axes that rotate with each node. */
 #ifndef PLIANT_CUDA_PRECONDITIONER_H
 #define PLIANT_CUDA_PRECONDITIONER_H
 
@@ -17,10 +17,12 @@ typedef struct gpu_preconditioner {
 } gpu_preconditioner;
 
 /* Create the preconditioner.
+ * @param h_x     (3 num_nodes) the state [m].
  * @param choice  AUTO chooses the faster kind for the number of nodes.
  * Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. The system must have its pattern. */
-pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice,
-                                                cudaStream_t stream, gpu_preconditioner *out);
+pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, const double *h_x,
+                                                pliant_preconditioner_choice choice, cudaStream_t stream,
+                                                gpu_preconditioner *out);
 void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner);
 /* Compute d_left = M d_right of the iteration, unless the state says that there is no work. */
 pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
@@ -30,7 +32,7 @@ pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner,
 pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
                                   const gpu_tool *tool, double *d_response, cudaStream_t stream);
 
-/* Compute columns of M at rest, three for each unknown node. Overwrites d_right.
+/* Compute columns of M in the nodes' axes, three for each unknown node. Overwrites d_right.
  * @param h_which, d_which  (count x 2) unknown node and the first slot of its columns, on host and GPU.
  * @param d_column          Column `slot` begins at stride * slot, padded. */
 pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,

@@ -18,7 +18,8 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
     CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_capacity));
-    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, gpu->stream, &gpu->preconditioner));
+    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, solver->system->mesh->rest, gpu->choice, gpu->stream,
+                                               &gpu->preconditioner));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", &gpu->h_state));
@@ -62,11 +63,13 @@ void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
                         it->d_residual[0], it->d_residual[1], it->d_free_residual, it->d_past_step, it->d_past_residual,
                         it->d_load, it->d_extra, it->d_contact_force, it->d_secant_x, it->d_secant_step,
                         it->d_secant_residual, it->d_element_force, it->d_rotations, it->d_axes, it->d_right,
-                        it->d_left, it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between);
+                        it->d_left, it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between, gpu->d_reference);
     for (gpu_tool_arrays &tool : gpu->tools) pliant_cuda_release(tool.d_unknown, tool.d_block, tool.d_response);
     pliant_cuda_pressures_free(&gpu->iteration.pressures, &gpu->pressure_memory);
     pliant_cuda_release_host(gpu->h_state, gpu->h_solved, gpu->h_newton);
     pliant_cuda_preconditioner_free(&gpu->preconditioner);
+    pliant_cuda_preconditioner_free(&gpu->at_rest);
+    pliant_cuda_preconditioner_free(&gpu->unused);
     pliant_cuda_system_free(&gpu->system, &gpu->system_capacity);
     pliant_free(gpu);
 }
@@ -89,6 +92,7 @@ pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_sol
 pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(pliant_cuda_refresh_restart(gpu, solver));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
     pliant_preconditioner_use_rotated(&gpu->in_use);
@@ -322,6 +326,7 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     if (step.after_newton && state->restored_previous) CUDA_TRY(turn_back(gpu, solver));
     gpu->in_use.converged_slowly =
         gpu->in_use.converged_slowly || rules->rate > pliant_get_quasistatic_settings().poor_rate;
+    gpu->wants_refresh = gpu->wants_refresh || (step.has_contacts && rules->rejected > 0);
     statistics->iterations = so_far.newton_evaluations + so_far.iterations;
     report_residuals(gpu, statistics);
     statistics->error_before = so_far.error_before;

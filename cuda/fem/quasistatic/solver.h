@@ -25,7 +25,14 @@ struct pliant_cuda_solver {
     pliant_preconditioner_choice choice;
     gpu_system system;
     gpu_system_capacity system_capacity;
-    gpu_preconditioner preconditioner;
+    gpu_preconditioner preconditioner; /* in use */
+    gpu_preconditioner at_rest; /* of the rest state, while a preconditioner of a deformed state is in use; or empty */
+    gpu_preconditioner unused;  /* the next thread of the background frees it; or empty */
+    double *d_reference;        /* Nullable: rotations in the deformed state (gpu_iteration.d_reference) */
+    size_t reference_capacity;
+    /* A trial under tools was refused since the last start of a refresh. Other steps converge well with rotated axes,
+     * and a refresh takes as long as a hundred of them. */
+    bool wants_refresh;
     gpu_refresh *refresh;      /* Nullable: the next preconditioner, in progress in the background */
     gpu_iteration iteration;
     gpu_pressure_memory pressure_memory;
@@ -81,11 +88,18 @@ pliant_status pliant_cuda_solver_evaluate_rest(const pliant_cuda_solver *gpu);
 /* Run an evaluation whose contact forces are computed on the GPU. */
 pliant_status pliant_cuda_solver_evaluate_contacts(pliant_cuda_solver *gpu);
 
-/* ---- Implemented in refresh.cu: a new preconditioner that replaces a carried one, computed in the background. */
+/* ---- Implemented in refresh.cu: a new preconditioner that replaces a carried or a slow one, computed in the
+ * background. */
 /* At the start of a step, install a finished preconditioner (*renewed) and start the next one. Errors: MEMORY,
  * UNAVAILABLE. If no preconditioner can be computed, the old one stays. */
 pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
                                        pliant_statistics *statistics, bool *renewed);
+/* Use the preconditioner of the rest state again. The result of background work for a deformed state will be dropped.
+ * Errors: UNAVAILABLE. */
+pliant_status pliant_cuda_refresh_return_to_rest(pliant_cuda_solver *gpu);
+/* Do the same when the state is set. Unless steps are live, wait for that work: later steps do not depend on earlier
+ * ones. */
+pliant_status pliant_cuda_refresh_restart(pliant_cuda_solver *gpu, const pliant_solver *solver);
 /* Keep background work across a cut: its result will belong to the earlier body. node: (nodes of the solved mesh) node
  * before the cut. Errors: MEMORY. */
 pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);

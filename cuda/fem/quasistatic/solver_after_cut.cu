@@ -2,6 +2,7 @@
 #include "base/fail.h"
 #include "cuda/base/check.h"
 #include "cuda/base/launch.h"
+#include "cuda/fem/element/forces.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
 
@@ -52,6 +53,9 @@ pliant_status pliant_cuda_solver_carry_over_cut(pliant_cuda_solver *gpu, const p
     *possible = system->macros ? !system->macros->fine_start : !before->system->macros;
     if (!*possible) return PLIANT_OK;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    const bool was_deformed = gpu->iteration.d_reference;
+    CUDA_TRY(pliant_cuda_refresh_return_to_rest(gpu));
+    if (was_deformed) CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream));
     int32_t *h_before = static_cast<int32_t *>(pliant_calloc((size_t)system->num_free, sizeof *h_before));
     if (!h_before) return pliant_fail_memory("the solver");
     for (int32_t f = 0; f < system->num_free; f++) {

@@ -4,6 +4,10 @@
 
 #include "fem/quasistatic/solver.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Allocate arrays of pressures that are NULL. second: Nullable. Errors: MEMORY. */
 pliant_status pliant_pressure_allocate(const pliant_pressures *pressures, double **first, double **second);
 /* Allocate the arrays for a step. Errors: MEMORY. */
@@ -27,4 +31,7 @@ void pliant_pressure_propose(pliant_solver *solver, const double weights[PLIANT_
 /* Take over the pressures from before a cut, cell by cell. Errors: MEMORY. */
 pliant_status pliant_pressure_carry(pliant_solver *solver, const pliant_solver *from);
 
+#ifdef __cplusplus
+}
+#endif
 #endif
