@@ -547,14 +547,15 @@ typedef struct leg_budget {
     int blocked;            /* number of successive legs that made almost no progress */
     int shortened;          /* number of successive legs that fell short; the last leg of the previous step counts */
     bool held;              /* the last leg of this step held the proxies */
+    bool linear;            /* the last leg of this step was a linear step, whose result is not checked */
     bool first;
 } leg_budget;
 
 /* Return the number of evaluations for this leg, in addition to the first one. After a blocked leg return 0: one
- * linear step, whose result is not checked, adds the plane constraints. */
+ * linear step adds the plane constraints. The next leg checks its result. */
 static int32_t choose_evaluations(const leg_budget *budget, double fraction)
 {
-    return budget->completed < 1 ? 0 : (int32_t)fmax(1, round(fraction * (budget->evaluations - budget->spent)));
+    return budget->linear ? 0 : (int32_t)fmax(1, round(fraction * (budget->evaluations - budget->spent)));
 }
 
 /* Make one leg: choose its length, find contact points, solve, and apply the free fraction. Then decide whether the
@@ -583,6 +584,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     pliant_patch_suspend(data, data->legs->blocked);
     status = pliant_run_stage(model, data, PLIANT_STEP_contact, find_points);
     if (status != PLIANT_OK) return status;
+    budget->linear = data->legs->blocked && !budget->linear;
     if (data->solver) data->solver->rules.max_evaluations = choose_evaluations(budget, fraction);
     status = solve(model, data, warning);
     if (data->solver) data->solver->rules.max_evaluations = limit;
