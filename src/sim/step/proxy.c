@@ -193,10 +193,11 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
         for (int c = 0; c < 3; c++) out[1].compliance[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
 }
 
-/* Return the fraction of the change from a to b at which the limit is reached, or 1. */
+/* Return the fraction of the change from a to b at which the limit is reached, or 1. Beyond the limit, b may not be
+ * larger than a. */
 static double fraction_at_limit(double a, double b, double limit)
 {
-    return a < limit && b > limit ? (limit - a) / (b - a) : 1;
+    return b > limit && b > a ? fmax(limit - a, 0) / (b - a) : 1;
 }
 
 double pliant_proxy_fraction_to_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before,
