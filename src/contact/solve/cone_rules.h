@@ -231,7 +231,20 @@ PLIANT_INLINE void pliant_cone_eliminate_rows(const double *pivot, int32_t colum
     }
 }
 
-/* Solve by Gauss-Jordan elimination with blocks of three. The last column becomes the changes. */
+#ifndef __CUDACC__
+/* Solve the equations whose blocks are eliminated below the diagonal. */
+static inline void pliant_cones_substitute_back(int32_t count, int32_t width, double *all)
+{
+    for (int32_t r = 3 * count - 4; r >= 0; r--) {
+        double *own = all + (size_t)r * (size_t)width, sum = 0;
+        for (int32_t k = 3 * (r / 3) + 3; k < width - 1; k++) sum += own[k] * all[(size_t)(k + 1) * (size_t)width - 1];
+        own[width - 1] -= sum;
+    }
+}
+#endif
+
+/* Solve by elimination with blocks of three. The last column becomes the changes. A GPU eliminates above the diagonal,
+ * too, because its threads can share this work. */
 PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_cones *on,
                                           const pliant_cone_blocks *blocks)
 {
@@ -240,18 +253,23 @@ PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_
 #ifdef __CUDACC__
     /* one warp for each block */
     const int32_t first = team->rank / 32, step = team->size / 32, lane = team->rank % 32, lanes = 32;
+    const bool is_above = true;
 #else
     const int32_t first = 0, step = 1, lane = 0, lanes = 1;
+    const bool is_above = false;
 #endif
     for (int32_t p = 0; p < count; p++) {
         double *const pivot = all + 3 * (size_t)p * (size_t)width;
         pliant_cone_scale_pivot(team, on, blocks, p, width, pivot);
-        for (int32_t i = first; i < count; i += step)
+        for (int32_t i = is_above ? first : p + 1; i < count; i += step)
             if (i != p)
                 pliant_cone_eliminate_rows(pivot, 3 * p, width, 3 * p + 3 + lane, lanes,
                                            all + 3 * (size_t)i * (size_t)width);
         pliant_team_wait();
     }
+#ifndef __CUDACC__
+    pliant_cones_substitute_back(count, width, all);
+#endif
     for (int32_t r = team->rank; r < rows; r += team->size) {
         const int32_t row = pliant_cone_row(on, blocks, r / 3, r % 3);
         if (row >= 0) on->change[row] = all[(size_t)(r + 1) * (size_t)width - 1];
