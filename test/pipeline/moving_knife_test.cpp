@@ -125,7 +125,7 @@ struct EveryResistance : testing::TestWithParam<int> {};
 
 TEST_P(EveryResistance, BothSidesOfTheCutAreSeparate)
 {
-    const int first = number_from("PLIANT_FIRST_RUN", 0), runs = number_from("PLIANT_RUNS", 60);
+    const int first = number_from("PLIANT_FIRST_RUN", 0), runs = number_from("PLIANT_RUNS", 32);
     int whole = 0, more = 0;
     double slowest = INFINITY, fastest = 0;
     for (int run = first; run < first + runs; run++) {
