@@ -110,7 +110,7 @@ TEST(ContactMethods, EstimatedErrorWhileAToolPresses)
                                            0.0385 - 0.001 * std::min(s, 8)};
                     pliant_data *right = nullptr;
                     ASSERT_EQ(pliant_data_copy(block.model, block.data, &right), PLIANT_OK);
-                    ASSERT_EQ(pliant_data_set_limits(right, 300, 1e-11), PLIANT_OK);
+                    ASSERT_EQ(pliant_data_set_limits(right, 300, 1e-8), PLIANT_OK);
                     for (pliant_data *data : {block.data, right}) {
                         ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
                         ASSERT_GE(pliant_step(block.model, data), 0) << pliant_last_error();
