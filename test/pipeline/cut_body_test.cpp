@@ -129,7 +129,7 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
                 now->cuts ? now->cuts->num_chips : 0, maximum, num_pieces(*now), now->fine.num_tets, load.fine.num_tets,
                 now->fine.num_nodes, load.fine.num_nodes);
     EXPECT_GT(severed, 10000);
-    EXPECT_GT(num_pieces(*now), strokes < 100 ? 1 : 10);
+    EXPECT_GT(num_pieces(*now), strokes < 60 ? 1 : 10);
     pliant_body_release(now);
 }
 
@@ -165,7 +165,7 @@ std::string name_of(const testing::TestParamInfo<Mesh> &info) { return info.para
 #ifdef PLIANT_SANITIZED
 const int STROKES = 25; // each takes five times as long
 #else
-const int STROKES = 100;
+const int STROKES = 60;
 #endif
 
 TEST_P(CutBody, PiecesOfThePhantomAreThoseOfItsVoxels)
