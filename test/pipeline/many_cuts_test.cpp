@@ -156,7 +156,7 @@ TEST_F(ManyCuts, UpdateEqualsRebuild)
     std::memset(body.scan.voxels, 0, pliant_geometry_voxels(&body.scan.geometry));
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     pliant_data *copy = nullptr, *first = body.data;
-    for (int c = 0; c < 48; c++) {
+    for (int c = 0; c < 32; c++) {
         if (c == 20) {
             ASSERT_EQ(pliant_data_copy(body.model, first, &copy), PLIANT_OK) << pliant_last_error();
         }
