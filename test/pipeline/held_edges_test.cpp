@@ -34,7 +34,7 @@ double fine_sag(double poisson, int across)
 
 TEST(HeldEdges, CoarseBeamsSagAsTheirFineOnes)
 {
-    for (double poisson : {0.45, 0.49, 0.499})
+    for (double poisson : {0.45, 0.499})
         for (int ratio = 2; ratio <= 4; ratio += 2) {
             const double fine = fine_sag(poisson, 3 * ratio);
             for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_LOD}) {
