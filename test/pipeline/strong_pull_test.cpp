@@ -134,7 +134,6 @@ TEST_P(PullOfThreeCentimetres, InvertsNoElementOnAGpu)
 
 INSTANTIATE_TEST_SUITE_P(Cells, PullOfThreeCentimetres,
                          testing::Values(Pull{"Hexahedra21Millimetres", PLIANT_HEXAHEDRA, 2, nullptr},
-                                         Pull{"Hexahedra14Millimetres", PLIANT_HEXAHEDRA, 3, nullptr},
                                          Pull{"Hexahedra10Millimetres", PLIANT_HEXAHEDRA, 4, nullptr},
                                          Pull{"Tetrahedra14Millimetres", PLIANT_LINEAR, 3, nullptr},
                                          Pull{"WithAir", PLIANT_HEXAHEDRA, 2, keep_air},
