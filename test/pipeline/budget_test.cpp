@@ -200,13 +200,14 @@ TEST(Budget, TheFirstFrameOfTurnedGravityMoves)
 // run on a clock of another speed repeats every bit.
 TEST(Budget, TheReadingsOfTheClockRepeatARun)
 {
+    const int FRAMES = 20;
     std::vector<std::vector<double>> readings, right;
     const auto run = [&](double cost, bool prescribes) {
         Phantom body(false);
         body.clock.from = cost, body.clock.to = 3 * cost;
         int equal = 0;
-        for (int f = 0; f < 40; f++) {
-            const double angle = M_PI * f / 40, g[3] = {9.81 * std::sin(angle), 9.81 * std::cos(angle), 0};
+        for (int f = 0; f < FRAMES; f++) {
+            const double angle = M_PI * f / FRAMES, g[3] = {9.81 * std::sin(angle), 9.81 * std::cos(angle), 0};
             EXPECT_EQ(pliant_data_set_gravity(body.data, g), PLIANT_OK);
             if (prescribes)
                 EXPECT_EQ(pliant_data_prescribe_clock(body.data, readings[f].data(), int32_t(readings[f].size())),
@@ -220,9 +221,9 @@ TEST(Budget, TheReadingsOfTheClockRepeatARun)
         }
         return equal;
     };
-    EXPECT_EQ(run(1, false), 40);
-    EXPECT_EQ(run(0.3, true), 40);
-    EXPECT_LT(run(0.3, false), 40);
+    EXPECT_EQ(run(1, false), FRAMES);
+    EXPECT_EQ(run(0.3, true), FRAMES);
+    EXPECT_LT(run(0.3, false), FRAMES);
 }
 
 } // namespace
