@@ -135,7 +135,7 @@ TEST(Find, NoneOfManySweepsPassesUndetected)
         return low + (high - low) * std::uniform_real_distribution<double>()(engine);
     };
     int missed = 0, behind = 0;
-    for (int n = 0; n < 10000; n++) {
+    for (int n = 0; n < 6000; n++) {
         const bool needle = n % 2;
         const pliant_part part = rod(needle ? 0.0005 : 0.0042, needle ? 0.05 : 0.2);
         const double side = n % 4 < 2 ? 1 : -1; // from above and from below
