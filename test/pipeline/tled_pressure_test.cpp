@@ -179,7 +179,7 @@ TEST(TledPressure, ToolsAndContactAtRest)
             ASSERT_EQ(pliant_tool_add(block.model, block.data, "hold", &hold), PLIANT_OK);
             const double at[3] = {0.035, 0.02, 0.02};
             ASSERT_EQ(pliant_tool_grasp(block.model, block.data, hold, at), PLIANT_OK) << pliant_last_error();
-            for (int i = 0; i < 150; i++) {
+            for (int i = 0; i < 80; i++) {
                 const double part = std::fmin(1, i / 40.0);
                 block.move(ball, 0.012, 0.02, 0.06 - 0.005 * part);
                 block.move(hold, 0.035 + 0.005 * part, 0.02, 0.02);
