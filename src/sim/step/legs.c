@@ -552,7 +552,8 @@ typedef struct leg_budget {
 } leg_budget;
 
 /* Return the number of evaluations for this leg, in addition to the first one. After a blocked leg return 0: one
- * linear step adds the plane constraints. The next leg checks its result. */
+ * linear step adds the plane constraints. If most of it was made, the leg after it checks the result. Jammed tissue
+ * gets away by many linear steps. */
 static int32_t choose_evaluations(const leg_budget *budget, double fraction)
 {
     return budget->linear ? 0 : (int32_t)fmax(1, round(fraction * (budget->evaluations - budget->spent)));
@@ -584,7 +585,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     pliant_patch_suspend(data, data->legs->blocked);
     status = pliant_run_stage(model, data, PLIANT_STEP_contact, find_points);
     if (status != PLIANT_OK) return status;
-    budget->linear = data->legs->blocked && !budget->linear;
+    budget->linear = data->legs->blocked && !(budget->linear && budget->completed > 0.5);
     if (data->solver) data->solver->rules.max_evaluations = choose_evaluations(budget, fraction);
     status = solve(model, data, warning);
     if (data->solver) data->solver->rules.max_evaluations = limit;
