@@ -52,8 +52,9 @@ static pliant_status create(const pliant_system *system, const double *h_x, plia
     if (layered && nested) {
         CUDA_TRY(create_multigrid(system, h_x, stream, out));
         if (out->multigrid) return PLIANT_OK;
-        pliant_log(PLIANT_LOG_INFO,
-                   "this lattice cannot be coarsened enough for multigrid on the GPU; its matrix is inverted");
+        if (h_x == system->mesh->rest)
+            pliant_log(PLIANT_LOG_INFO,
+                       "this lattice cannot be coarsened enough for multigrid on the GPU; its matrix is inverted");
     }
     if (system->num_free > LARGEST_REQUESTED) {
         size_t kept, maximum = pliant_cuda_inverse_memory(3 * system->num_free, &kept);

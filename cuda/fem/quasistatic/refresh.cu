@@ -124,20 +124,20 @@ static pliant_status start(pliant_cuda_solver *gpu, const pliant_solver *solver,
         if (!gpu->refresh) return pliant_fail_memory("the background preconditioner");
     }
     gpu_refresh *refresh = gpu->refresh;
+    refresh->started = step;
+    gpu->wants_refresh = false;
     const pliant_status status = is_deformed ? save_state(gpu, solver, refresh) : PLIANT_OK;
     if (status != PLIANT_OK) {
         forget_body(refresh);
-        return status;
+        return status == PLIANT_ERROR_MEMORY ? PLIANT_OK : status; /* the old preconditioner stays */
     }
     refresh->device = gpu->device;
     refresh->choice = gpu->choice;
     if (solver->system->of) refresh->of = pliant_discretization_retain(solver->system->of);
     refresh->system = *solver->system;
-    refresh->started = step;
     refresh->due = step + (uint64_t)solver->refresh_delay * (is_deformed ? 1 : 2); /* as the CPU's factors */
     refresh->running = true;
     exchange_bases(refresh->discarded + 1, &gpu->unused);
-    gpu->wants_refresh = false;
     pliant_worker_start(&refresh->worker, work, refresh);
     return PLIANT_OK;
 }
@@ -235,7 +235,7 @@ pliant_status pliant_cuda_refresh_restart(pliant_cuda_solver *gpu, const pliant_
         join(refresh);
         forget_body(refresh);
     }
-    if (refresh && !refresh->running) refresh->started = 0;
+    if (refresh) refresh->started = 0;
     return pliant_cuda_refresh_return_to_rest(gpu);
 }
 

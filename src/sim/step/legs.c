@@ -547,7 +547,7 @@ typedef struct leg_budget {
     int blocked;            /* number of successive legs that made almost no progress */
     int shortened;          /* number of successive legs that fell short; the last leg of the previous step counts */
     bool held;              /* the last leg of this step held the proxies */
-    bool linear;            /* the last leg of this step was a linear step, whose result is not checked */
+    bool linear;            /* the last leg of this step was a linear step */
     bool first;
 } leg_budget;
 
@@ -605,7 +605,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     /* A linear step is followed by a leg that checks its result. A leg that the volume bound shortened is followed by
      * a leg whose contact points hold the small elements open. With tetrahedra the next step suffices: jaws on a liver
      * need 2.3 times the evaluations with one more leg. */
-    *done = !holds && fraction == 1 && completed == 1 && !data->legs->blocked &&
+    *done = !holds && fraction == 1 && completed == 1 && !budget->linear &&
             !(is_limited && model->scene.element.kind == PLIANT_HEXAHEDRA);
     if (is_dynamic(data)) { /* time passes also in a blocked leg */
         budget->left = 1 - (double)data->tled->substeps_done / data->tled->substeps;
