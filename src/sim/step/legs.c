@@ -602,9 +602,9 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     statistics->legs++;
     statistics->advanced = completed;
     const bool is_limited = data->legs->limited_by_elements;
-    /* A linear step is followed by a leg that checks its result. A leg that the volume bound shortened is followed by
-     * a leg whose contact points hold the small elements open. With tetrahedra the next step suffices: jaws on a liver
-     * need 2.3 times the evaluations with one more leg. */
+    /* A step does not end with a linear step, whose result is not checked. A leg that the volume bound shortened is
+     * followed by a leg whose contact points hold the small elements open. With tetrahedra the next step suffices: jaws
+     * on a liver need 2.3 times the evaluations with one more leg. */
     *done = !holds && fraction == 1 && completed == 1 && !budget->linear &&
             !(is_limited && model->scene.element.kind == PLIANT_HEXAHEDRA);
     if (is_dynamic(data)) { /* time passes also in a blocked leg */
