@@ -7,7 +7,8 @@
  *
  * Effects are measured with one setting at half or twice its default, on one thread. They name the figures that change.
  * No sweep tunneled in any of these runs. All effects are of one version of the code. Changes of the solver shift the
- * figures of the defaults and of the effects alike, by up to 6 %. The defaults of sweeps, jaws, soft and blade are of a later version.
+ * figures of the defaults and of the effects alike, by up to 6 %. The defaults of sweeps, jaws, soft and blade are of
+ * a later version.
  *
  * sweeps: PLIANT_SWEEPS=100 PLIANT_SWEEPS_STEPS=1 swept_test --gtest_filter=*NothingIsSweptThroughTheSheet. The
  *     defaults take 647 steps, 6220 evaluations and 1120 legs. 19 steps end early. No element is inverted. Proxies are
