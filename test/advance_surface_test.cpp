@@ -405,7 +405,7 @@ TEST(AdvanceSelf, ExemptNodesPiecesAndPairsThatStartTogetherPass)
     std::fill(piece.begin(), piece.end(), 2);
     EXPECT_EQ(on.find(), 1);
     on.self.piece = nullptr;
-    on.sheet.add(9, 0.05, -0.001 + 0.4 * 0.05 * on.self.thickness);
+    on.sheet.add(9, 0.05, -0.001 + 0.4 * 0.005 * on.self.thickness);
     on.sheet.move([&](double x[3]) { x[2] += x[2] < -0.001 + 1e-9 ? 0.0005 : 0; });
     EXPECT_EQ(on.find(), 1);
     on.sheet.advance(1);
@@ -450,7 +450,7 @@ TEST(AdvanceSelf, ACrumpledSheetNeverPassesThroughItself)
             EXPECT_EQ(on.find_listed(), fraction);
             on.sheet.advance(fraction);
             ASSERT_EQ(on.crossings(), 0) << "scene " << scene << " leg " << n;
-            ASSERT_GT(on.minimum(), 0.05 * 1e-4 * 0.999) << "scene " << scene << " leg " << n;
+            ASSERT_GT(on.minimum(), 0.005 * 1e-4 * 0.999) << "scene " << scene << " leg " << n;
             blocked += fraction < 1;
             moved += fraction > 1e-3;
         }

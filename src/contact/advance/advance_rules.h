@@ -11,25 +11,18 @@
 /* Tolerance of distances, so that rounding does not block tissue that moves with a part [m] */
 #define PLIANT_ADVANCE_SLACK 1e-12
 
-/* Return the distance below which pairs of tissue may only separate, and pairs of a part hardly approach. A first leg
- * may reach advance_stop. A second leg keeps the fraction advance_keep of it. */
+/* Return the floor: the distance below which pairs hardly approach. A first leg may reach advance_stop. A second leg
+ * keeps the fraction advance_keep of it. */
 PLIANT_INLINE double pliant_advance_min_distance(const pliant_contact_settings *settings, double guard)
 {
     return settings->advance_keep * settings->advance_stop * guard;
 }
 
-/* Return the smallest distance that a pair of tissue may reach in a leg, from its distance at the start. A pair that
- * stays above this limit does not shorten the leg. */
+/* Return the smallest distance that a pair may reach in a leg, from its distance at the start. A pair that stays above
+ * this limit does not shorten the leg. A distance below the floor may lose the fraction keep, because contact forces
+ * are found within a tolerance. Otherwise the tolerance could stop every leg. No larger value falls below the fraction
+ * keep of the floor. */
 PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *settings, double guard, double distance)
-{
-    return fmax(fmin(settings->advance_keep * distance, settings->advance_stop * guard),
-                fmin(pliant_advance_min_distance(settings, guard), distance - PLIANT_ADVANCE_SLACK));
-}
-
-/* Return the smallest distance that a pair of a part may reach in a leg, from its distance at the start. A distance
- * below the floor may lose the fraction keep, because contact forces are found within a tolerance.
- * Otherwise the tolerance could stop every leg. No larger value falls below the fraction keep of the floor. */
-PLIANT_INLINE double pliant_advance_part_limit(const pliant_contact_settings *settings, double guard, double distance)
 {
     const double keep = settings->advance_keep, floor = pliant_advance_min_distance(settings, guard);
     return fmax(fmin(keep * distance, settings->advance_stop * guard),
@@ -41,7 +34,8 @@ PLIANT_INLINE double pliant_advance_part_limit(const pliant_contact_settings *se
 PLIANT_INLINE bool pliant_advance_starts_together(const pliant_contact_settings *settings, double thickness,
                                                   double distance)
 {
-    return !(thickness > 0.0) || distance < 0.5 * pliant_advance_min_distance(settings, thickness);
+    const double smallest = settings->advance_keep * pliant_advance_min_distance(settings, thickness);
+    return !(thickness > 0.0) || distance < 0.5 * smallest;
 }
 
 /* Numerical constants of conservative advancement. Stopping early is safe, so they trade time for the last 2 % of the

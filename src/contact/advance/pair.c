@@ -203,7 +203,7 @@ bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pli
             pair->t = pair->exempt ? 1 : 0;
             return true;
         }
-        pair->limit = pliant_advance_part_limit(settings, motion->leg->guard, now.cut.minimum);
+        pair->limit = pliant_advance_limit(settings, motion->leg->guard, now.cut.minimum);
     }
     now.limit = pair->limit;
     const double distance = now.cut.minimum - now.limit;

@@ -194,9 +194,7 @@ static bool add_blocked(pliant_impact_zones *zones, int32_t n)
  * slowly than the distance at the start of the leg. */
 static double gap_of(const pliant_impact_zones *zones, const pliant_impact_pair *pair, double distance)
 {
-    const pliant_contact_settings *settings = zones->rule.settings;
-    return distance - fmax(fmin(settings->advance_keep * distance, settings->advance_stop * pair->thickness),
-                           pliant_advance_min_distance(settings, pair->thickness));
+    return distance - pliant_advance_limit(zones->rule.settings, pair->thickness, distance);
 }
 
 /* Return whether a pair would come too near in this sub-step. First use the motion of the pair's nodes since the pairs
