@@ -194,7 +194,7 @@ TEST(Scenes, OrgansTouchToolsAndObstaclesAndEachOther)
             of_box += point.kind == PLIANT_OBSTACLE_GROUND;
             of_cut += point.kind == PLIANT_OBSTACLE_TISSUE && (kind == PLIANT_TISSUE_CUT || kind == PLIANT_TISSUE_SLID);
             of_outside +=
-                point.kind == PLIANT_OBSTACLE_TISSUE && (kind == PLIANT_TISSUE_NODE || kind == PLIANT_TISSUE_EDGE);
+                point.kind == PLIANT_OBSTACLE_TISSUE && (pliant_contact_is_of_corners(&point));
         }
     }
     EXPECT_GT(of_tool, 0);

@@ -278,8 +278,7 @@ static pliant_status find_overlaps(const pliant_contact_surface *surface, const 
     const pliant_status status = pliant_tissue_find(tissue, positions, &rule, &points);
     for (int32_t p = 0; status == PLIANT_OK && p < points.count; p++) {
         const pliant_contact_point *point = points.point + p;
-        const int kind = (int)(point->feature >> 56);
-        for (int32_t k = 0; (kind == PLIANT_TISSUE_NODE || kind == PLIANT_TISSUE_EDGE) && k < point->count; k++) {
+        for (int32_t k = 0; pliant_contact_is_of_corners(point) && k < point->count; k++) {
             *any = *any || surface->tet_at_load[point->node[k]] >= 0;
             out[point->node[k]] = 1;
         }
@@ -446,9 +445,8 @@ void pliant_contact_surface_corners(const pliant_contact_surface *surface, int32
 /* Points of cut faces belong to fragments, and slowed points to nodes. Neither has corners. */
 static bool has_corner(const pliant_contact_surface *surface, const pliant_contact_point *point)
 {
-    const int kind = (int)(point->feature >> 56);
     bool any = false;
-    if (point->kind == PLIANT_OBSTACLE_TISSUE && kind != PLIANT_TISSUE_NODE && kind != PLIANT_TISSUE_EDGE) return false;
+    if (point->kind == PLIANT_OBSTACLE_TISSUE && !pliant_contact_is_of_corners(point)) return false;
     for (int32_t k = 0; k < point->count; k++) any = any || surface->tet[point->node[k]] >= 0;
     return any;
 }

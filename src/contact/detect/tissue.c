@@ -159,18 +159,6 @@ static bool is_below(const pliant_tissue *tissue, int32_t triangle, int edge, co
            (adjacent < 0 || pliant_dot3(to, tissue->normal[adjacent]) < 0);
 }
 
-/* Return the number of an edge: from its triangle with the lower number. */
-static uint64_t edge_number(const pliant_tissue *tissue, int32_t triangle, int edge)
-{
-    const int32_t adjacent = tissue->triangle[triangle].adjacent[edge];
-    if (adjacent < 0 || adjacent > triangle) return 3 * (uint64_t)triangle + (uint64_t)edge;
-    for (int k = 0; k < 3; k++)
-        if (tissue->triangle[adjacent].adjacent[k] == triangle &&
-            tissue->triangle[adjacent].node[k] == tissue->triangle[triangle].node[(edge + 1) % 3])
-            return 3 * (uint64_t)adjacent + (uint64_t)k;
-    return 3 * (uint64_t)triangle + (uint64_t)edge;
-}
-
 static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b, int j, pliant_contacts *out)
 {
     const pliant_tissue *tissue = on->tissue;
@@ -211,7 +199,8 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     if (pliant_tissue_is_fixed(&on->view, node[0]) && pliant_tissue_is_fixed(&on->view, node[1]) &&
         pliant_tissue_is_fixed(&on->view, node[2]) && pliant_tissue_is_fixed(&on->view, node[3]))
         return PLIANT_OK;
-    const uint64_t edge[2] = {edge_number(tissue, a, i), edge_number(tissue, b, j)};
+    const uint64_t edge[2] = {pliant_tissue_edge_number(&on->view, 3 * a + i),
+                              pliant_tissue_edge_number(&on->view, 3 * b + j)};
     return pliant_tissue_append_edge_point(&on->view.rule, edge, node, (const double[2]){s, t}, normal, gap, 0,
                                            sqrt(pliant_dot3(u, u) * pliant_dot3(w, w)) / 4, out);
 }

@@ -139,7 +139,7 @@ pliant_status pliant_tissue_set_rest(pliant_tissue *tissue, const double *rest);
 pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
 /* List all pairs that are nearer than a distance. The exempt nodes must be known. Errors: MEMORY. */
 pliant_status pliant_tissue_list_pairs(pliant_tissue *tissue, const double *positions, double distance);
-/* Append a point for each of these pairs that consists of two edges. Errors: MEMORY. */
+/* Append a point for each of these pairs that consists of two edges, or is nearest at a corner. Errors: MEMORY. */
 pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *positions,
                                          const pliant_tissue_rule *rule, pliant_contacts *out);
 /* Append the contact point of two edges. The edge with the lower number becomes the first side, in any order of the
@@ -174,8 +174,8 @@ PLIANT_INLINE void pliant_tissue_set_place(pliant_contact_point *point, double g
         thickness + pliant_contact_permitted_gap(gap - thickness, rule->recovery, rule->remaining_depth_fraction);
     for (int d = 0; d < 3; d++) point->place[d] = left * point->normal[d];
 }
-/* Find contact points and append them, sorted by feature. The top byte is PLIANT_TISSUE_NODE, _EDGE, _CUT or _SLID
- * (update_sides.h).
+/* Find contact points and append them, sorted by feature. The top byte is PLIANT_TISSUE_NODE, _EDGE, _CORNER, _CUT or
+ * _SLID (update_sides.h).
  * @param positions (nodes x 3) of the surface's corners at the start of the step [m]
  * Errors: MEMORY. */
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given,

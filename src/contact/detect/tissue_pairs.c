@@ -7,6 +7,7 @@
 #include "contact/advance/advance_workspace.h"
 #include "contact/detect/tissue_rules.h"
 #include "contact/detect/update_sides.h"
+#include "contact/shapes/solid.h"
 #include "topology/body.h"
 
 #include <math.h>
@@ -243,6 +244,126 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
                                            thickness, pliant_length3(u) * pliant_length3(w) / 4, out);
 }
 
+/* ---- contact points of corners: a node with a node, or with the inside of an edge */
+
+/* Return whether another point is outside of the surface at a node, and no edge of the node leads nearer to it. */
+static bool is_nearest_corner(const pliant_tissue_view *view, int32_t index, const double to[3])
+{
+    const double tilt = sqrt(1 - view->settings.flat_cosine * view->settings.flat_cosine);
+    double height = 0;
+    for (int32_t k = view->node_triangle_start[index]; k < view->node_triangle_start[index + 1]; k++)
+        height += pliant_dot3(view->normal[view->node_triangles[k]], to);
+    if (!(height > 0)) return false;
+    for (int32_t a = view->around_start[index]; a < view->around_start[index + 1]; a++) {
+        double edge[3];
+        pliant_tissue_difference(pliant_tissue_position(view, view->node[index]),
+                                 pliant_tissue_position(view, view->around[a]), edge);
+        if (pliant_dot3(edge, to) > tilt * pliant_length3(edge) * pliant_length3(to)) return false;
+    }
+    return true;
+}
+
+/* The nearest point of one side of a pair: at a node, inside an edge (3 times its triangle plus its first corner), or
+ * neither. */
+typedef struct nearest_place {
+    int32_t node, edge; /* -1: none */
+    double at;          /* fraction of the edge */
+} nearest_place;
+
+static nearest_place place_on_edge(const pliant_tissue_view *view, int32_t edge, double at)
+{
+    const int32_t *node = view->triangle[edge / 3].node;
+    if (at > 0 && at < 1) return (nearest_place){-1, edge, at};
+    return (nearest_place){node[(edge + (at > 0)) % 3], -1, 0};
+}
+
+static nearest_place place_on_triangle(const pliant_tissue_view *view, int32_t triangle, const double weight[3])
+{
+    const double rounding = 1e-12;
+    int32_t zero = -1, zeros = 0;
+    for (int v = 0; v < 3; v++) {
+        if (weight[v] > rounding) continue;
+        zero = v;
+        zeros++;
+    }
+    if (zeros == 0) return (nearest_place){-1, -1, 0};
+    if (zeros == 1) return place_on_edge(view, 3 * triangle + (zero + 1) % 3, weight[(zero + 2) % 3]);
+    for (int v = 0; v < 3; v++)
+        if (weight[v] > rounding) zero = v;
+    return (nearest_place){view->triangle[triangle].node[zero], -1, 0};
+}
+
+/* Find the nearest places of both sides of a pair. */
+static void find_places(const pliant_tissue_view *view, const pliant_advance_self_pair *pair, nearest_place out[2])
+{
+    double x[4][3], weight[3], s, t;
+    for (int c = 0; c < 4; c++) memcpy(x[c], pliant_tissue_position(view, pair->node[c]), sizeof x[c]);
+    if (pair->is_edges) {
+        pliant_advance_closest_on_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &t);
+        out[0] = place_on_edge(view, pair->feature[0], s);
+        out[1] = place_on_edge(view, pair->feature[1], t);
+    } else {
+        pliant_triangle_nearest_weights(x[1], x[2], x[3], x[0], weight);
+        out[0] = (nearest_place){pair->node[0], -1, 0};
+        out[1] = place_on_triangle(view, pair->feature[1], weight);
+    }
+}
+
+/* Append a point for a pair whose nearest points are two nodes, or a node and a point inside an edge. Nodes find only
+ * the triangles above or below them, so two corners that meet would have no point, and their leg would be blocked. */
+static pliant_status append_corner(const pliant_tissue *tissue, const pliant_tissue_view *view,
+                                   const pliant_advance_self *self, const pliant_advance_self_pair *pair,
+                                   pliant_contacts *out)
+{
+    nearest_place place[2];
+    const double near = view->settings.advance_stop;
+    bool fixed = true;
+    for (int c = 0; c < 4; c++) fixed = fixed && pliant_tissue_is_fixed(view, pair->node[c]);
+    if (fixed || pair->limit >= near * view->rule.thickness) return PLIANT_OK;
+    if (!(pliant_advance_thickness(self, pair->node, pair->is_edges) > 0)) return PLIANT_OK;
+    find_places(view, pair, place);
+    if (place[0].node < 0 || (place[1].node >= 0 && place[1].node < place[0].node)) {
+        const nearest_place first = place[0];
+        place[0] = place[1];
+        place[1] = first;
+    }
+    if (place[0].node < 0 || (place[1].node < 0 && place[1].edge < 0)) return PLIANT_OK;
+    const uint64_t edge = place[1].node < 0 ? pliant_tissue_edge_number(view, place[1].edge) : 0;
+    const int32_t *of = view->triangle[edge / 3].node, v = place[0].node;
+    const bool is_edge = place[1].node < 0;
+    const int32_t node[4] = {v, v, is_edge ? of[edge % 3] : place[1].node,
+                             is_edge ? of[(edge + 1) % 3] : place[1].node};
+    double x[4][3], s, at, way[3], back[3], along[3];
+    for (int c = 0; c < 4; c++) memcpy(x[c], pliant_tissue_position(view, node[c]), sizeof x[c]);
+    pliant_advance_closest_on_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &at);
+    pliant_tissue_difference(x[2], x[3], along);
+    for (int d = 0; d < 3; d++) way[d] = x[0][d] - x[2][d] - at * along[d];
+    for (int d = 0; d < 3; d++) back[d] = -way[d];
+    const double gap = pliant_length3(way), thickness = pliant_advance_thickness(self, node, true);
+    if (!(thickness > 0) || !(gap > 0) || !(gap < near * thickness)) return PLIANT_OK;
+    if (!is_nearest_corner(view, tissue->index_of[v], back) ||
+        !(is_edge ? leads_out(view, (int32_t)edge, along, way, 1)
+                  : is_nearest_corner(view, tissue->index_of[node[2]], way)))
+        return PLIANT_OK;
+    if (!pliant_reserve(&out->point, &out->capacity, out->count, 64, sizeof *out->point))
+        return pliant_fail_memory("the self-contacts of the tissue");
+    pliant_contact_point *point = out->point + out->count++;
+    *point = (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE,
+                                    .tool = -1,
+                                    .part = -1,
+                                    .count = is_edge ? 3 : 2,
+                                    .node = {v, node[2], node[3]},
+                                    .weight = {1, at - 1, is_edge ? -at : 0},
+                                    .area = tissue->area[tissue->index_of[v]],
+                                    .friction = view->rule.friction};
+    point->feature = (uint64_t)PLIANT_TISSUE_CORNER << 56 | (uint64_t)is_edge << 55 | (uint64_t)v << 28 |
+                     (is_edge ? edge : (uint64_t)node[2]);
+    if (!is_edge) point->weight[1] = -1;
+    for (int d = 0; d < 3; d++) point->normal[d] = way[d] / gap;
+    pliant_tissue_set_place(point, gap, thickness, &view->rule);
+    return PLIANT_OK;
+}
+
 pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *positions,
                                          const pliant_tissue_rule *rule, pliant_contacts *out)
 {
@@ -250,9 +371,12 @@ pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *po
     const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
     const pliant_advance *advance = tissue->advance;
     pliant_status status = PLIANT_OK;
-    for (int32_t n = 0; rule->thickness > 0 && n < advance->num_self && status == PLIANT_OK; n++)
+    for (int32_t n = 0; rule->thickness > 0 && n < advance->num_self && status == PLIANT_OK; n++) {
         if (advance->self[n].is_edges)
             status = append_pair(&view, &self, has_cut(tissue), advance->self + n, out);
+        if (status == PLIANT_OK && !(rule->max_margin > 0))
+            status = append_corner(tissue, &view, &self, advance->self + n, out);
+    }
     return status;
 }
 

@@ -86,6 +86,18 @@ PLIANT_INLINE bool pliant_tissue_project(const pliant_tissue_view *on, int32_t t
     return true;
 }
 
+/* Return the number of an edge, 3 times a triangle plus the edge's first corner, for its triangle with the lower
+ * number. */
+PLIANT_INLINE uint64_t pliant_tissue_edge_number(const pliant_tissue_view *on, int32_t edge)
+{
+    const int32_t triangle = edge / 3, corner = edge % 3, adjacent = on->triangle[triangle].adjacent[corner];
+    for (int32_t k = 0; k < 3 && adjacent >= 0 && adjacent < triangle; k++)
+        if (on->triangle[adjacent].adjacent[k] == triangle &&
+            on->triangle[adjacent].node[k] == on->triangle[triangle].node[(corner + 1) % 3])
+            return 3 * (uint64_t)adjacent + (uint64_t)k;
+    return (uint64_t)edge;
+}
+
 /* ---- tetrahedra */
 
 /* Walk from a tetrahedron towards a point. Return the tetrahedron that contains it; -1: outside, or too far. */

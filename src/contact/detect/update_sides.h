@@ -10,15 +10,16 @@
 extern "C" {
 #endif
 
-/* Kinds of points: the top byte of their features. */
+/* Kinds of points: the top byte of their features. Points are listed in this order. */
 enum {
     PLIANT_TISSUE_NODE = 240,
     PLIANT_TISSUE_EDGE = 241,
-    PLIANT_TISSUE_CUT = 242,
-    PLIANT_TISSUE_SLID = 243 /* sides of a cut that have slid along each other */,
-    PLIANT_TISSUE_SLOWED = 244 /* contact/response: paper */,
-    PLIANT_PIECE_ON_WALL = 245 /* quasi-static (fem/rigid) */,
-    PLIANT_ELEMENT_VOLUME = 246 /* volume bound of an element (contact/volume/volume_bound.h) */
+    PLIANT_TISSUE_CORNER = 242 /* without inertia: node and node, or node and edge */,
+    PLIANT_TISSUE_CUT = 243,
+    PLIANT_TISSUE_SLID = 244 /* sides of a cut that have slid along each other */,
+    PLIANT_TISSUE_SLOWED = 245 /* contact/response: paper */,
+    PLIANT_PIECE_ON_WALL = 246 /* quasi-static (fem/rigid) */,
+    PLIANT_ELEMENT_VOLUME = 247 /* volume bound of an element (contact/volume/volume_bound.h) */
 };
 
 /* How the two sides of a point face each other: two directions in their common plane, and the gap along its normal. */
@@ -26,6 +27,13 @@ typedef struct pliant_facing {
     int32_t from[2], to[2];    /* indices into the point's nodes: ends of the directions */
     double along[2][3], gap;   /* [m] */
 } pliant_facing;
+
+/* Return whether a point's nodes are corners of the surface. Those of cut faces belong to fragments. */
+PLIANT_INLINE bool pliant_contact_is_of_corners(const pliant_contact_point *point)
+{
+    const int kind = (int)(point->feature >> 56);
+    return kind == PLIANT_TISSUE_NODE || kind == PLIANT_TISSUE_EDGE || kind == PLIANT_TISSUE_CORNER;
+}
 
 /* Update a point to the nearest points of its two sides at the given positions of its four nodes. The sides are a
  * node and a triangle, or two edges. The normal is the triangle's normal, or the common normal of the edges. Then
