@@ -25,7 +25,7 @@ struct Cones {
     // Return the number of steps and sweeps.
     int32_t solve()
     {
-        std::vector<double> buffer(PLIANT_CONE_BUFFER * rows + PLIANT_CONE_EQUATIONS);
+        std::vector<double> buffer(PLIANT_CONE_BUFFER * rows + pliant_cone_numbers(rows));
         for (int a = 0; a < rows; a++)
             for (int b = 0; b < rows; b++) {
                 matrix[a * rows + b] = 0;

@@ -563,13 +563,13 @@ TEST(CudaContact, EveryKernelOnce)
     NEEDS_GPU();
     touch_once(cases[2]);
     Block flat(cases[0], PLIANT_CUDA); // more points than the GPU computes forces for
-    flat.cells(10, 7, 1, 1);
+    flat.cells(20, 14, 1, 1);
     flat.scene.solver.iterations = 2;
     ASSERT_EQ(flat.build(), PLIANT_OK) << pliant_last_error();
     flat.add("plate", PLIANT_PART_BOX, 0.03, 0.03, 0.02);
     for (int s = 1; s <= 3; s++) ASSERT_GE(flat.step(s), 0) << pliant_last_error();
     EXPECT_STREQ(pliant_data_get_backend(flat.data), "cuda") << pliant_last_error();
-    EXPECT_GT(3 * flat.data->statistics.contacts, PLIANT_CONE_MAX_ROWS);
+    EXPECT_GT(flat.data->statistics.contacts, 256);
 }
 
 TEST(CudaContact, EveryKernelOnceOfTissueOnTissue)

@@ -168,9 +168,10 @@ static pliant_status make_work(gpu_contacts *contacts, int32_t slots, int32_t pi
     gpu_contact_view *view = &contacts->view;
     const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs,
                  back = (rows + rows * rows) * sizeof(double);
-    const size_t work =
-        (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + rows + PLIANT_CONE_EQUATIONS) *
-        sizeof(double);
+    const size_t most = 3 * CONTACT_MAX_POINTS; /* the host solves larger problems */
+    const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + rows +
+                         pliant_cone_numbers(std::min(rows, most))) *
+                        sizeof(double);
     CUDA_TRY(make_block(contacts, CONTACT_RESULTS, work + back, back));
     CUDA_TRY(
         make_block(contacts, CONTACT_EVALUATION_RESULTS, 3 * points * sizeof(double), 2 * points * sizeof(double)));

@@ -15,8 +15,8 @@ extern "C" {
 #endif
 
 enum {
-    PLIANT_CONE_MAX_ROWS = 192 /* maximum number of rows of points in contact */,
-    PLIANT_CONE_EQUATIONS = PLIANT_CONE_MAX_ROWS * (PLIANT_CONE_MAX_ROWS + 1)
+    PLIANT_CONE_MAX_ROWS = 900 /* maximum number of rows of points in contact for Newton's method */,
+    PLIANT_CONE_FEW_ROWS = 192 /* a step with more rows counts as several */
 };
 #define PLIANT_CONE_FIXED (-1.0) /* instead of mu: any force, v = 0 */
 
@@ -78,9 +78,16 @@ typedef struct pliant_cones {
     double *before;            /* (3 count) forces at the start of the round; unused for held points */
     double *resistance;        /* fraction of A's diagonal, in and out; all threads share it */
     double *equations;         /* up to fast_rows: (fast_rows x (fast_rows + 1)) */
-    double *large_equations;   /* more: PLIANT_CONE_EQUATIONS; not read if fast_rows is PLIANT_CONE_MAX_ROWS */
+    double *large_equations;   /* more: pliant_cone_numbers(3 count); not read if fast_rows is PLIANT_CONE_MAX_ROWS */
     int32_t fast_rows;
 } pliant_cones;
+
+/* Return how many numbers the equations have at most. rows: 3 for each point */
+static inline size_t pliant_cone_numbers(size_t rows)
+{
+    const size_t most = PLIANT_CONE_MAX_ROWS, used = rows < most ? rows : most;
+    return used * (used + 1);
+}
 
 /* s divided by the point's stiffness. A value of 10 finds a reducing step far more often than 1, which sweeps use
  * (src/contact/NUMERICS.md). */

@@ -223,6 +223,7 @@ PLIANT_INLINE void pliant_cone_eliminate_rows(const double *pivot, int32_t colum
         by[3 + c] = next[column + c];
         by[6 + c] = last[column + c];
     }
+    PLIANT_INDEPENDENT
     for (int32_t k = first; k < width; k += step) {
         const double a = pivot[k], b = second[k], c = third[k], x = to[k], y = next[k], z = last[k];
         to[k] = x - (by[0] * a + by[1] * b + by[2] * c);
@@ -231,10 +232,39 @@ PLIANT_INLINE void pliant_cone_eliminate_rows(const double *pivot, int32_t colum
     }
 }
 
-#ifndef __CUDACC__
-/* Solve the equations whose blocks are eliminated below the diagonal. */
-static inline void pliant_cones_substitute_back(int32_t count, int32_t width, double *all)
+#ifdef __CUDACC__
+/* Eliminate above and below the diagonal, with one warp for each block, because threads can share this work. */
+PLIANT_INLINE void pliant_cones_reduce(const pliant_team *team, const pliant_cones *on,
+                                       const pliant_cone_blocks *blocks)
 {
+    const int32_t count = blocks->count, width = 3 * count + 1;
+    double *const all = on->equations;
+    for (int32_t p = 0; p < count; p++) {
+        double *const pivot = all + 3 * (size_t)p * (size_t)width;
+        pliant_cone_scale_pivot(team, on, blocks, p, width, pivot);
+        for (int32_t i = team->rank / 32; i < count; i += team->size / 32)
+            if (i != p)
+                pliant_cone_eliminate_rows(pivot, 3 * p, width, 3 * p + 3 + team->rank % 32, 32,
+                                           all + 3 * (size_t)i * (size_t)width);
+        pliant_team_wait();
+    }
+}
+#else
+/* Eliminate below the diagonal, and substitute back. A tile of rows stays in the cache while all pivots above pass. */
+PLIANT_INLINE void pliant_cones_reduce(const pliant_team *team, const pliant_cones *on,
+                                       const pliant_cone_blocks *blocks)
+{
+    const int32_t count = blocks->count, width = 3 * count + 1, tile = 4;
+    double *const all = on->equations;
+    for (int32_t first = 0; first < count; first += tile) {
+        const int32_t end = first + tile < count ? first + tile : count;
+        for (int32_t p = 0; p < end; p++) {
+            double *const pivot = all + 3 * (size_t)p * (size_t)width;
+            if (p >= first) pliant_cone_scale_pivot(team, on, blocks, p, width, pivot);
+            for (int32_t i = p < first ? first : p + 1; i < end; i++)
+                pliant_cone_eliminate_rows(pivot, 3 * p, width, 3 * p + 3, 1, all + 3 * (size_t)i * (size_t)width);
+        }
+    }
     for (int32_t r = 3 * count - 4; r >= 0; r--) {
         double *own = all + (size_t)r * (size_t)width, sum = 0;
         for (int32_t k = 3 * (r / 3) + 3; k < width - 1; k++) sum += own[k] * all[(size_t)(k + 1) * (size_t)width - 1];
@@ -243,33 +273,13 @@ static inline void pliant_cones_substitute_back(int32_t count, int32_t width, do
 }
 #endif
 
-/* Solve by elimination with blocks of three. The last column becomes the changes. A GPU eliminates above the diagonal,
- * too, because its threads can share this work. */
+/* Solve by elimination with blocks of three. The last column becomes the changes. */
 PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_cones *on,
                                           const pliant_cone_blocks *blocks)
 {
-    const int32_t count = blocks->count, rows = 3 * count, width = rows + 1;
+    const int32_t rows = 3 * blocks->count, width = rows + 1;
     double *const all = on->equations;
-#ifdef __CUDACC__
-    /* one warp for each block */
-    const int32_t first = team->rank / 32, step = team->size / 32, lane = team->rank % 32, lanes = 32;
-    const bool is_above = true;
-#else
-    const int32_t first = 0, step = 1, lane = 0, lanes = 1;
-    const bool is_above = false;
-#endif
-    for (int32_t p = 0; p < count; p++) {
-        double *const pivot = all + 3 * (size_t)p * (size_t)width;
-        pliant_cone_scale_pivot(team, on, blocks, p, width, pivot);
-        for (int32_t i = is_above ? first : p + 1; i < count; i += step)
-            if (i != p)
-                pliant_cone_eliminate_rows(pivot, 3 * p, width, 3 * p + 3 + lane, lanes,
-                                           all + 3 * (size_t)i * (size_t)width);
-        pliant_team_wait();
-    }
-#ifndef __CUDACC__
-    pliant_cones_substitute_back(count, width, all);
-#endif
+    pliant_cones_reduce(team, on, blocks);
     for (int32_t r = team->rank; r < rows; r += team->size) {
         const int32_t row = pliant_cone_row(on, blocks, r / 3, r % 3);
         if (row >= 0) on->change[row] = all[(size_t)(r + 1) * (size_t)width - 1];
@@ -277,19 +287,26 @@ PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_
     pliant_team_wait();
 }
 
-/* Solve the linearized equations of all points that are not open, and compute change and moved. Return false if
- * there are too many points. */
-PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_cones *on, double damping)
+/* Solve the linearized equations of all points that are not open, and compute change and moved. Return the number of
+ * rows; -1: there are too many points. */
+PLIANT_INLINE int32_t pliant_cones_newton(const pliant_team *team, const pliant_cones *on, double damping)
 {
     const pliant_cone_blocks blocks = pliant_cones_classify(team, on);
-    if (3 * blocks.count > PLIANT_CONE_MAX_ROWS) return false;
+    if (3 * blocks.count > PLIANT_CONE_MAX_ROWS) return -1;
     pliant_cones with = *on;
     if (3 * blocks.count > on->fast_rows) with.equations = on->large_equations;
     pliant_cones_find_motion(team, on); /* of the points that open */
     pliant_cones_set_equations(team, &with, &blocks, damping);
     pliant_cones_eliminate(team, &with, &blocks);
     pliant_cones_find_motion(team, on);
-    return true;
+    return 3 * blocks.count;
+}
+
+/* Return how many steps a step counts as. So the work of all steps grows with the square of the rows, as that of
+ * sweeps does. */
+PLIANT_INLINE int32_t pliant_cone_step_count(int32_t rows)
+{
+    return rows > PLIANT_CONE_FEW_ROWS ? (rows + PLIANT_CONE_FEW_ROWS - 1) / PLIANT_CONE_FEW_ROWS : 1;
 }
 
 /* Take a step: add `length` times change and moved to forces and motions. */
@@ -414,21 +431,22 @@ PLIANT_INLINE void pliant_cones_project(const pliant_team *team, const pliant_co
 }
 
 /* Make a Newton step. If it does not reduce the residual, repeat it with more and more damping (Levenberg, Quart.
- * Appl. Math. 2:164, 1944), because points of one triangle are almost linearly dependent. Return false if there are
- * too many points.
+ * Appl. Math. 2:164, 1944), because points of one triangle are almost linearly dependent. Return the number of rows;
+ * -1: there are too many points.
  * @param left squared residual, in and out; @param steps number of steps, in and out; @param leads out: the
  *   residual was reduced */
-PLIANT_INLINE bool pliant_cones_step(const pliant_team *team, const pliant_cones *on, double *left, int32_t *steps,
+PLIANT_INLINE int32_t pliant_cones_step(const pliant_team *team, const pliant_cones *on, double *left, int32_t *steps,
                                      bool *leads)
 {
     const double damping[] = {0, PLIANT_CONE_WEAK_DAMPING, PLIANT_CONE_STRONG_DAMPING};
+    int32_t rows = 0;
     *leads = false;
     for (int d = 0; d < 3 && !*leads; d++) {
-        if (!pliant_cones_newton(team, on, damping[d])) return false;
-        ++*steps;
+        if ((rows = pliant_cones_newton(team, on, damping[d])) < 0) return rows;
+        *steps += pliant_cone_step_count(rows);
         *leads = pliant_cones_line_search(team, on, left);
     }
-    return true;
+    return rows;
 }
 
 /* Return f'f. */
@@ -453,7 +471,7 @@ PLIANT_INLINE pliant_cone_result pliant_cones_make_round(const pliant_team *team
     const bool is_last = *on->resistance >= PLIANT_CONE_STRONG_RESISTANCE;
     const int32_t max_steps = is_last ? 60 : 30, max_sweeps = is_last ? PLIANT_CONE_SWEEPS : 64, max_at_once = 32,
                   first_sweeps = 3;
-    int32_t steps = 0, sweeps = 0, at_once = 1;
+    int32_t steps = 0, sweeps = 0, at_once = 1, rows = 0;
     pliant_cone_result result = PLIANT_CONES_UNSOLVED;
     pliant_cones_begin(team, on);
     double left = pliant_cones_residual(team, on, 0.0);
@@ -464,10 +482,13 @@ PLIANT_INLINE pliant_cone_result pliant_cones_make_round(const pliant_team *team
     for (;;) {
         const double size = pliant_cones_squared_force(team, on);
         bool ends = left <= PLIANT_CONE_EXACT * PLIANT_CONE_EXACT * size;
-        if (!ends && (steps >= max_steps || sweeps >= max_sweeps)) break;
+        const bool is_last_step = steps >= max_steps || sweeps >= max_sweeps;
+        if (!ends && is_last_step && rows > PLIANT_CONE_FEW_ROWS) result = PLIANT_CONES_TOO_MANY;
+        if (!ends && is_last_step) break;
         if (!ends) {
             bool leads;
-            if (!pliant_cones_step(team, on, &left, &steps, &leads)) {
+            rows = pliant_cones_step(team, on, &left, &steps, &leads);
+            if (rows < 0) {
                 result = PLIANT_CONES_TOO_MANY;
                 break;
             }

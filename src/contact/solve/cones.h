@@ -20,7 +20,7 @@ enum { PLIANT_CONE_HISTORY = 8, PLIANT_CONE_BUFFER = 11 + 3 * PLIANT_CONE_HISTOR
  * @param friction (count): mu, or PLIANT_CONE_FIXED
  * @param motion, force (3 count): in: v0 and f0; out: v and f
  * @param resistance regularization, in and out: PLIANT_CONE_WEAK_RESISTANCE at first
- * @param buffer (PLIANT_CONE_BUFFER x 3 count + PLIANT_CONE_EQUATIONS): work array
+ * @param buffer (PLIANT_CONE_BUFFER x 3 count + pliant_cone_numbers(3 count)): work array
  * @return number of steps and sweeps */
 int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force,
                            double *resistance, double *buffer);

@@ -305,7 +305,7 @@ pliant_status pliant_contact_problem_size_matrix(pliant_contact_problem *contact
     if (!pliant_grow(&contacts->matrix, capacity, capacity * sizeof *contacts->matrix) ||
         !pliant_grow(&contacts->motion, capacity, sizeof *contacts->motion) ||
         !pliant_grow(&contacts->force, capacity, sizeof *contacts->force) ||
-        !pliant_grow(&contacts->sweeps, capacity * PLIANT_CONE_BUFFER + PLIANT_CONE_EQUATIONS,
+        !pliant_grow(&contacts->sweeps, capacity * PLIANT_CONE_BUFFER + pliant_cone_numbers(capacity),
                      sizeof *contacts->sweeps))
         return pliant_fail_memory("contact");
     contacts->matrix_capacity = capacity;
