@@ -92,6 +92,22 @@ TEST(Subdivide, OnlyTissueCountsAsArea)
     EXPECT_NEAR(block.report.area, tissue, 0.03 * tissue) << "the faces have 0.005 m^2";
 }
 
+// In the same tetrahedra, a section has either tissue alone or none. Voxels decide, not the mean of a tetrahedron.
+TEST(Subdivide, VoxelsDecideWhichAreaIsTissue)
+{
+    const std::vector<Material> materials = {{4000, 0.4, 1000, false}, {10, 0, 1, true}};
+    for (const bool in_tissue : {true, false}) {
+        std::unique_ptr<Body> body(new Body(size, box, materials, [](int, int j, int) { return j < 8 ? 0 : 1; }));
+        Split block(built(std::move(body), [](pliant_scene &) {}));
+        const double point[3] = {0.1, in_tissue ? 0.031 : 0.044, 0.05}, normal[3] = {0, 1, 0},
+                     section = in_tissue ? 0.2 * 0.1 : 0;
+        ASSERT_TRUE(block.cut_plane(point, normal));
+        EXPECT_NEAR(block.report.area, section, 1e-9) << "tissue ends at y = 0.04 m";
+        EXPECT_NEAR(block.report.area_of[0], section, 1e-9);
+        EXPECT_EQ(block.report.area_of[1], 0);
+    }
+}
+
 // A node that a cut puts on an edge is fixed if both ends of the edge are fixed. All other new nodes move.
 TEST(Subdivide, NodesOnEdgesAreFixedBetweenFixedOnesAlone)
 {

@@ -15,7 +15,8 @@ typedef struct pliant_cut_sweep {
     int32_t count;
     /* (count x 3) the same points of the edge, previous and current; `from` has moved with the tissue */
     const double *from, *to;
-    const uint8_t *material_of_voxel; /* Nullable; (voxels) for the report */
+    /* Nullable; (voxels) for the report. Without it, the area in tissue is estimated from tetrahedra */
+    const uint8_t *material_of_voxel;
     uint32_t blade, stroke;           /* a sweep continues the last sweep of the same stroke; stroke 0: a new start */
     bool ends;                        /* the stroke does not continue in the tissue that the edge has reached */
 } pliant_cut_sweep;

@@ -322,13 +322,13 @@ static void report_separated_faces(const cut_splitting *work, const face_list *l
     for (int32_t f = 0; f < list->count; f++) {
         const int32_t *side = list->faces[f].side, *a = work->corners + 4 * (size_t)(side[0] / 4),
                       *b = work->corners + 4 * (size_t)(side[1] / 4);
-        const pliant_tet_material *material[2];
-        for (int s = 0; s < 2; s++) material[s] = work->body->fine_material + work->source[side[s] / 4];
-        if (opposite(a, side[0] % 4, b) >= 0 || !(material[0]->tissue > 0 && material[1]->tissue > 0)) continue;
-        /* only the fraction of tissue counts */
-        const double area = 0.5 * (material[0]->tissue + material[1]->tissue) * list->faces[f].area;
-        report->area += area;
-        for (int s = 0; s < 2 && sweep->material_of_voxel; s++) report->area_of[material[s]->material] += 0.5 * area;
+        if (opposite(a, side[0] % 4, b) >= 0) continue;
+        if (sweep->material_of_voxel) {
+            pliant_split_report_voxels(work, side[0], sweep->material_of_voxel, list->faces[f].area, report);
+            continue;
+        }
+        for (int s = 0; s < 2; s++)
+            report->area += 0.5 * work->body->fine_material[work->source[side[s] / 4]].tissue * list->faces[f].area;
     }
 }
 

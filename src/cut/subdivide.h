@@ -90,6 +90,12 @@ pliant_status pliant_split_trim(cut_splitting *work);
 /* split_faces.c: separate tetrahedra at faces on the stroke, and copy the nodes that both sides use. Errors: MEMORY. */
 pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sweep, pliant_cut_report *report);
 
+/* tissue_of_faces.c: add a face's area in voxels of tissue to a report.
+ * face: 4 tetrahedron + opposite corner
+ * area: of the whole face at rest [m^2] */
+void pliant_split_report_voxels(const cut_splitting *work, int32_t face, const uint8_t *material_of_voxel, double area,
+                                pliant_cut_report *report);
+
 static inline double pliant_split_volume(const double *a, const double *b, const double *c, const double *d)
 {
     double u[3], v[3], w[3];

@@ -97,6 +97,8 @@ struct pliant_subdivision {
     double min_height;       /* minimum height of a tetrahedron that a cut makes [m] */
     double min_volume;       /* minimum volume of a tetrahedron that a cut makes [m^3] */
     double kerf;             /* maximum distance between the sides of a cut at rest [m] */
+    pliant_geometry scan;    /* the voxels over which the severed area is summed */
+    bool is_empty[PLIANT_MAX_MATERIALS + 1]; /* by material of a voxel: not tissue */
     pliant_between *between; /* (fine.num_nodes - load_nodes) of the nodes appended since load; NULL: none */
     int32_t num_marks;
     pliant_cut_mark *mark;     /* (num_marks) the last stroke of every blade */
@@ -220,7 +222,8 @@ void pliant_body_map_vectors(const pliant_body_map *map, const double *from, dou
 
 /* Create the data of a body at load that cuts subdivide. kerf: cuts leave a distance between their sides
  * Errors: MEMORY. */
-pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, pliant_subdivision **out);
+pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, const pliant_geometry *scan,
+                                        const pliant_material_table *table, pliant_subdivision **out);
 
 #ifdef __cplusplus
 }

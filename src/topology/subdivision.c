@@ -11,7 +11,8 @@
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the subdivision of the mesh"); }
 
-pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, pliant_subdivision **out)
+pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, const pliant_geometry *scan,
+                                        const pliant_material_table *table, pliant_subdivision **out)
 {
     /* Smaller fractions give smaller elements, and so shorter explicit time steps. */
     const double edge_fraction = 0.2, height_fraction = 0.1;
@@ -35,6 +36,8 @@ pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, plia
     made->kerf = kerf ? 0.25 * made->min_edge : 0;
     made->min_height = height_fraction * height;
     made->min_volume = 0.001 * volume;
+    made->scan = *scan;
+    for (uint32_t m = 0; m < table->num_materials; m++) made->is_empty[m] = table->materials[m].empty;
     *out = made;
     return PLIANT_OK;
 }

@@ -322,7 +322,8 @@ static pliant_status link_voxels(builder *build)
 {
     pliant_model *model = build->model;
     if (model->scene.cut.kind == PLIANT_CUT_SUBDIVIDE)
-        return pliant_subdivision_create(&model->body->fine, model->scene.contact.self, &model->body->subdivision);
+        return pliant_subdivision_create(&model->body->fine, model->scene.contact.self, &model->scan->geometry,
+                                         &model->materials, &model->body->subdivision);
     if (model->scene.cut.kind != PLIANT_CUT_SEVER) return PLIANT_OK;
     pliant_status status = pliant_voxels_create(model->body, &model->scan->geometry, model->material_of_voxel,
                                                 &model->materials, &model->body->voxels);
