@@ -204,7 +204,7 @@ static int corner_of(const cut_splitting *work, int32_t tet, int32_t node)
     return -1;
 }
 
-static bool is_large(const pliant_subdivision *subdivision, const double *corner[4])
+static bool is_large(const cut_splitting *work, const double *corner[4])
 {
     const double volume = pliant_split_volume(corner[0], corner[1], corner[2], corner[3]);
     double largest = 0;
@@ -216,7 +216,7 @@ static bool is_large(const pliant_subdivision *subdivision, const double *corner
         pliant_cross3(u, v, normal);
         largest = fmax(largest, 0.5 * pliant_length3(normal));
     }
-    return volume >= subdivision->min_volume && 3 * volume >= subdivision->min_height * largest;
+    return volume >= work->body->subdivision->min_volume && 3 * volume >= work->min_height * largest;
 }
 
 /* Return whether both parts of all tetrahedra around an edge would be large enough.
@@ -234,7 +234,7 @@ static bool parts_are_large(const cut_splitting *work, const cut_edge_point *one
             const double *corner[4];
             for (int v = 0; v < 4; v++)
                 corner[v] = nodes[v] == one->end[end] ? middle : work->rest + 3 * (size_t)nodes[v];
-            if (!is_large(work->body->subdivision, corner)) return false;
+            if (!is_large(work, corner)) return false;
         }
     return true;
 }
@@ -258,16 +258,31 @@ static uint8_t fixing_of_middle(uint8_t a, uint8_t b)
     return a == PLIANT_MOVES || b == PLIANT_MOVES ? PLIANT_MOVES : a == b ? a : PLIANT_FIXED_AT_POSITION;
 }
 
+/* Collect the tetrahedra around an edge in work->around. */
+static pliant_status find_around(cut_splitting *work, const cut_edge_point *one)
+{
+    pliant_status status = pliant_split_around(work, one->end[0]);
+    int32_t count = 0;
+    for (int32_t i = 0; i < work->num_around && status == PLIANT_OK; i++)
+        if (corner_of(work, work->around[i] / 4, one->end[1]) >= 0) work->around[count++] = work->around[i] / 4;
+    work->num_around = count;
+    return status;
+}
+
+pliant_status pliant_split_can_bisect(cut_splitting *work, const cut_edge_point *one, bool *out)
+{
+    pliant_status status = find_around(work, one);
+    *out = status == PLIANT_OK && parts_are_large(work, one);
+    return status;
+}
+
 /* Bisect an edge. The first part of each tetrahedron keeps its number; the second part is appended. */
 static pliant_status bisect(cut_splitting *work, cut_edge_point *one)
 {
     const int32_t a = one->end[0], b = one->end[1], nearer = one->fraction > 0.5 ? b : a;
-    pliant_status status = pliant_split_around(work, a);
+    pliant_status status = find_around(work, one);
     if (status != PLIANT_OK) return status;
-    int32_t count = 0;
-    for (int32_t i = 0; i < work->num_around; i++)
-        if (corner_of(work, work->around[i] / 4, b) >= 0) work->around[count++] = work->around[i] / 4;
-    work->num_around = count;
+    const int32_t count = work->num_around;
     if (!find_place(work, one)) {
         work->on[nearer] |= one->bits;
         return PLIANT_OK;

@@ -31,25 +31,13 @@ static int count_passed(const cut_splitting *work, int32_t tet)
     return count;
 }
 
-/* Return the corner of another tetrahedron that is opposite a given face; -1 if it does not have that face. */
-static int opposite(const int32_t *nodes, int corner, const int32_t *other)
-{
-    int found = 0, last = 6;
-    for (int w = 0; w < 4; w++)
-        for (int v = 0; v < 4; v++)
-            if (v != corner && nodes[v] == other[w]) {
-                found++;
-                last -= w;
-            }
-    return found == 3 ? last : -1;
-}
-
 /* Return 4 tetrahedron + corner on the other side of a face; -1: none. */
 static int32_t across(const cut_splitting *work, int32_t tet, int corner)
 {
     const int32_t *nodes = work->corners + 4 * (size_t)tet;
     for (int32_t at = work->first[nodes[corner == 0]]; at >= 0; at = work->next[at]) {
-        const int back = at / 4 == tet ? -1 : opposite(nodes, corner, work->corners + 4 * (size_t)(at / 4));
+        const int32_t *others = work->corners + 4 * (size_t)(at / 4);
+        const int back = at / 4 == tet ? -1 : pliant_split_opposite(nodes, corner, others);
         if (back >= 0) return 4 * (at / 4) + back;
     }
     return -1;
@@ -146,35 +134,6 @@ static pliant_status sever(cut_splitting *work, face_list *list)
     pliant_free(group);
     pliant_free(holder);
     return good ? PLIANT_OK : pliant_fail_memory("the faces that the blade splits");
-}
-
-/* Group the corners around a node.
- * part: groups connected by faces after the cut
- * whole: groups connected by faces before the cut; groups that only an edge or the node connected before stay
- * connected */
-static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *whole)
-{
-    const int32_t count = work->num_around;
-    for (int32_t i = 0; i < count; i++) part[i] = whole[i] = i;
-    for (int32_t i = 0; i < count; i++)
-        for (int32_t j = i + 1; j < count; j++) {
-            const int32_t s = work->around[i] / 4, t = work->around[j] / 4;
-            for (int c = 0; c < 4; c++) {
-                /* across a severed face the node numbers may already differ */
-                const int32_t severed = work->severed[4 * (size_t)s + (size_t)c] - 1;
-                if (c == work->around[i] % 4) continue;
-                if (severed >= 0 ? severed / 4 == t
-                                 : opposite(work->corners + 4 * (size_t)s, c, work->corners + 4 * (size_t)t) >= 0) {
-                    pliant_set_join(whole, i, j);
-                    if (severed < 0) pliant_set_join(part, i, j);
-                }
-            }
-        }
-    int32_t parts = 0;
-    for (int32_t i = 0; i < count; i++)
-        if (whole[i] == i) pliant_set_join(part, 0, i);
-    for (int32_t i = 0; i < count; i++) parts += part[i] == i;
-    return parts;
 }
 
 /* Position of a copy within its own side of the cut, on the line to another node. */
@@ -286,20 +245,16 @@ static int32_t find_keeper(const cut_splitting *work, int32_t *part, int32_t nod
 
 static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **buffer, int32_t *buffer_size)
 {
-    bool severed = false;
     pliant_status status = pliant_split_around(work, node);
     const int32_t count = work->num_around;
-    if (status != PLIANT_OK) return status;
-    for (int32_t i = 0; i < count && !severed; i++)
-        for (int c = 0; c < 4; c++) severed = severed || work->severed[4 * (work->around[i] / 4) + c];
-    if (!severed) return PLIANT_OK;
+    if (status != PLIANT_OK || !pliant_split_has_severed(work)) return status;
     if (2 * count > *buffer_size) {
         if (!pliant_grow(buffer, 4 * (size_t)count, sizeof **buffer))
             return pliant_fail_memory("the nodes that the blade splits");
         *buffer_size = 4 * count;
     }
     int32_t *part = *buffer, *whole = *buffer + count;
-    if (find_parts(work, part, whole) == 1) return PLIANT_OK;
+    if (pliant_split_find_parts(work, part, whole) == 1) return PLIANT_OK;
     const int32_t keeper = work->body->subdivision->kerf > 0 ? find_keeper(work, part, node) : 0;
     for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
         if (part[i] != i || i == keeper) continue;
@@ -322,7 +277,7 @@ static void report_separated_faces(const cut_splitting *work, const face_list *l
     for (int32_t f = 0; f < list->count; f++) {
         const int32_t *side = list->faces[f].side, *a = work->corners + 4 * (size_t)(side[0] / 4),
                       *b = work->corners + 4 * (size_t)(side[1] / 4);
-        if (opposite(a, side[0] % 4, b) >= 0) continue;
+        if (pliant_split_opposite(a, side[0] % 4, b) >= 0) continue;
         if (sweep->material_of_voxel) {
             pliant_split_report_voxels(work, side[0], sweep->material_of_voxel, list->faces[f].area, report);
             continue;
@@ -332,20 +287,33 @@ static void report_separated_faces(const cut_splitting *work, const face_list *l
     }
 }
 
+/* List the faces on the stroke, and sever them. At the end of a stroke, bisect edges so that they open. */
+static pliant_status sever_faces(cut_splitting *work, face_list *list)
+{
+    pliant_status status = PLIANT_OK;
+    for (bool again = true; again && status == PLIANT_OK;) {
+        again = false;
+        list->count = 0;
+        status = list_faces(work, list);
+        if (status != PLIANT_OK || list->count == 0) return status;
+        memset(work->severed, 0, 4 * (size_t)work->num_tets * sizeof *work->severed);
+        status = sever(work, list);
+        if (status == PLIANT_OK && work->has_border[CUT_END]) status = pliant_split_open_faces(work, &again);
+    }
+    return status;
+}
+
 pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sweep, pliant_cut_report *report)
 {
     face_list list = {0};
     int32_t *buffer = NULL, buffer_size = 0;
-    const int32_t nodes = work->first_copy = work->num_nodes;
     for (int32_t n = 0; n < work->strip->count; n++)
         for (int d = 0; d < 3; d++) work->normal[d] += work->strip->triangles[n].normal[d];
-    pliant_status status = list_faces(work, &list);
-    if (status == PLIANT_OK && list.count > 0) {
-        status = sever(work, &list);
-        for (int32_t n = 0; n < nodes && status == PLIANT_OK; n++)
-            if (work->on[n] & CUT_PASSED) status = split_node(work, n, &buffer, &buffer_size);
-        if (status == PLIANT_OK) report_separated_faces(work, &list, sweep, report);
-    }
+    pliant_status status = sever_faces(work, &list);
+    const int32_t nodes = work->first_copy = work->num_nodes;
+    for (int32_t n = 0; n < nodes && list.count > 0 && status == PLIANT_OK; n++)
+        if (work->on[n] & CUT_PASSED) status = split_node(work, n, &buffer, &buffer_size);
+    if (status == PLIANT_OK) report_separated_faces(work, &list, sweep, report);
     pliant_free(list.faces);
     pliant_free(buffer);
     return status;

@@ -24,6 +24,7 @@ typedef struct cut_splitting {
     bool has_border[CUT_NUM_BORDERS]; /* whether the swept surface ends there */
     double normal[3];              /* sum of the normals of the strip's triangles */
     double slack;                  /* [m] */
+    double min_height;             /* minimum height of a tetrahedron [m] */
     int32_t num_nodes, node_capacity;
     int32_t first_copy;            /* nodes from this one on are copies */
     double *rest;                  /* (num_nodes x 3) rest positions */
@@ -77,6 +78,8 @@ int pliant_split_by_ends(const void *a, const void *b);
 /* Set the bits of listed edges at ends near which they are cut. Then bisect the other edges, the longest first, and set
  * the bits of the new nodes. Edges with `except` at an end are not bisected. Sorts the list. Errors: MEMORY. */
 pliant_status pliant_split_listed(cut_splitting *work, cut_edge_points *list, uint8_t except);
+/* Return whether the parts of an edge would be large enough. Errors: MEMORY. */
+pliant_status pliant_split_can_bisect(cut_splitting *work, const cut_edge_point *one, bool *out);
 /* enter_tets.c: compute the signed distances of a tetrahedron's corners from the part of the strip in it [m]. Return
  * false if the strip does not enter it.
  * at_border: out: whether the strip ends in it */
@@ -90,11 +93,35 @@ pliant_status pliant_split_trim(cut_splitting *work);
 /* split_faces.c: separate tetrahedra at faces on the stroke, and copy the nodes that both sides use. Errors: MEMORY. */
 pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sweep, pliant_cut_report *report);
 
+/* parts_of_node.c: return whether a severed face has one of the corners in work->around. */
+bool pliant_split_has_severed(const cut_splitting *work);
+/* Group the corners around a node (work->around). Groups that only an edge or the node connected before the cut stay
+ * connected.
+ * part: (num_around) out: groups connected by faces after the cut (pliant_set_root)
+ * whole: (num_around) out: groups connected by faces before the cut
+ * Return the number of groups after the cut. */
+int32_t pliant_split_find_parts(const cut_splitting *work, int32_t *part, int32_t *whole);
+/* open_faces.c: bisect edges of severed faces that would stay closed because all their corners are on the border of the
+ * cut. changed: out: whether faces must be severed again. Errors: MEMORY. */
+pliant_status pliant_split_open_faces(cut_splitting *work, bool *changed);
 /* tissue_of_faces.c: add a face's area in voxels of tissue to a report.
  * face: 4 tetrahedron + opposite corner
  * area: of the whole face at rest [m^2] */
 void pliant_split_report_voxels(const cut_splitting *work, int32_t face, const uint8_t *material_of_voxel, double area,
                                 pliant_cut_report *report);
+
+/* Return the corner of another tetrahedron that is opposite a given face; -1 if it does not have that face. */
+static inline int pliant_split_opposite(const int32_t *nodes, int corner, const int32_t *other)
+{
+    int found = 0, last = 6;
+    for (int w = 0; w < 4; w++)
+        for (int v = 0; v < 4; v++)
+            if (v != corner && nodes[v] == other[w]) {
+                found++;
+                last -= w;
+            }
+    return found == 3 ? last : -1;
+}
 
 static inline double pliant_split_volume(const double *a, const double *b, const double *c, const double *d)
 {

@@ -40,6 +40,7 @@ pliant_status pliant_split_begin(const pliant_body *body, const double *position
     const size_t nodes = (size_t)fine->num_nodes, tets = (size_t)fine->num_tets;
     *out = (cut_splitting){
         .body = body, .sweep = sweep, .strip = strip, .num_nodes = fine->num_nodes, .num_tets = fine->num_tets};
+    out->min_height = body->subdivision->min_height;
     out->slack = 1e-9 * body->subdivision->min_edge;
     if (!grow_nodes(out, fine->num_nodes + fine->num_nodes / 4 + 64) ||
         !grow_tets(out, fine->num_tets + fine->num_tets / 4 + 64))
