@@ -405,24 +405,27 @@ TEST(Subdivide, AnEmptySweepCutsNothing)
     EXPECT_EQ(block.now, before);
 }
 
+// With `ends`, the blade leaves faces that open when their edges are bisected.
 TEST(Subdivide, OutOfMemoryChangesNothing)
 {
     Split block(bar());
-    const std::vector<double> from = {0.1, -0.01, 0.11, 0.12, 0.11, 0.11}, to = {0.1, -0.01, 0.06, 0.12, 0.11, 0.06};
-    const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr, 0, 1};
+    const std::vector<double> from = {0.1, 0.042, 0.11, 0.12, 0.11, 0.11}, to = {0.1, 0.042, 0.065, 0.12, 0.11, 0.065};
     const size_t before = pliant_memory_in_use();
-    int64_t n = 0;
-    for (pliant_status status = PLIANT_ERROR_MEMORY; status != PLIANT_OK; n++) {
-        pliant_body *next = nullptr;
-        pliant_memory_fail_after(n);
-        status = pliant_body_cut(block.now, 2, block.positions.data(), &sweep, &next, nullptr);
-        pliant_memory_fail_after(-1);
-        ASSERT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_MEMORY);
-        EXPECT_EQ(next != nullptr, status == PLIANT_OK);
-        pliant_body_release(next);
-        ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n;
+    for (const bool ends : {false, true}) {
+        const pliant_cut_sweep sweep{2, from.data(), to.data(), block.body->model->material_of_voxel, 0, 1, ends};
+        int64_t n = 0;
+        for (pliant_status status = PLIANT_ERROR_MEMORY; status != PLIANT_OK; n++) {
+            pliant_body *next = nullptr;
+            pliant_memory_fail_after(n);
+            status = pliant_body_cut(block.now, 2, block.positions.data(), &sweep, &next, nullptr);
+            pliant_memory_fail_after(-1);
+            ASSERT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_MEMORY);
+            EXPECT_EQ(next != nullptr, status == PLIANT_OK);
+            pliant_body_release(next);
+            ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n;
+        }
+        EXPECT_GT(n, 40);
     }
-    EXPECT_GT(n, 40);
 }
 
 // Two sides moved apart: rasterization and the fit draw nothing between them. No fit uses nodes of the other side.

@@ -138,6 +138,33 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
     EXPECT_EQ(slab.logged, "");
 }
 
+// Blades that end in the tissue, at their tip and at the end of their stroke. Faces that separate when the blade is
+// switched off take no work. The last drag may have cut nothing yet.
+TEST_P(EveryKind, AStrokeThatEndsInTheTissueTakesTheWorkOfItsAreaOnce)
+{
+    const double end = 0.0103;
+    double work = 0, area = 0, swept = 0, unpaid = 0, dragged = 0;
+    for (int n = 0; n < 8; n++) {
+        const double reach = 0.011 + 0.001 * n;
+        Slab slab(GetParam());
+        const double from[3] = {0, -0.02, 0}, to[3] = {0, reach - 0.012, 0};
+        ASSERT_EQ(pliant_tool_set_blade(slab.data, slab.tool, from, to), PLIANT_OK);
+        slab.stroke(0.0385 + 0.0005 * n, 0.034, end, 0.02, nullptr, &work);
+        const double paid = slab.state().severed_area;
+        slab.cutting(false);
+        slab.step();
+        area += slab.state().severed_area;
+        unpaid += slab.state().severed_area - paid;
+        swept += reach * (height - end);
+        dragged += reach * slab.model->scene.cut.drag;
+    }
+    if (std::getenv("PLIANT_FIGURES"))
+        std::printf("area %.3f of the swept area, %.3f of it unpaid; work %.3f of toughness times area\n", area / swept,
+                    unpaid / area, work / (toughness * area));
+    EXPECT_GE(work, toughness * (area - unpaid));
+    EXPECT_LE(work, toughness * (area + dragged));
+}
+
 // Steps move the blade by a third of `cut/drag` and more: strokes from several heights through undamaged tissue.
 TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
 {

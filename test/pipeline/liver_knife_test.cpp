@@ -1,8 +1,13 @@
 // Strokes of a blade through the phantom's liver: severed area, work, and what slips off the edge.
 #include "cuts.h"
+#include "fem/dynamics/tled.h"
+#include "mesh/mesh.h"
 #include "sim/build/model.h"
 
+#include <Eigen/Dense>
+#include <cmath>
 #include <cstdlib>
+#include <random>
 #include <string>
 
 namespace {
@@ -139,6 +144,83 @@ TEST(LiverKnife, SlipsAndInvertsNoElement)
         }
         EXPECT_NEAR(state.severed_area, liver.section, 0.05 * liver.section) << start;
     }
+}
+
+// A rectangle at rest that a blade sweeps.
+struct Rectangle {
+    Eigen::Vector3d corner, edge, way;
+    // Return the area in voxels of tissue within elements [m^2].
+    double area_in_tissue(const Liver &liver) const
+    {
+        const uint8_t *material = pliant_model_get_voxel_materials(liver.model);
+        const pliant_body &body = *liver.model->body;
+        const pliant_geometry &grid = liver.scan.geometry;
+        const int parts = 20;
+        int inside = 0;
+        for (int part = 0; part < parts * parts; part++) {
+            const Eigen::Vector3d point =
+                corner + (part % parts + 0.5) / parts * edge + (part / parts + 0.5) / parts * way;
+            double index[3], weight[4];
+            int32_t voxel = 0, tet = -1;
+            bool in_scan = true;
+            pliant_geometry_to_index(&grid, point.data(), index);
+            for (int d = 2; d >= 0; d--) {
+                const double nearest = std::floor(index[d] + 0.5);
+                in_scan = in_scan && nearest >= 0 && nearest < grid.size[d];
+                voxel = voxel * grid.size[d] + static_cast<int32_t>(nearest);
+            }
+            inside += in_scan && !liver.table.materials[material[voxel]].empty &&
+                      pliant_body_locate(&body, body.fine.rest, point.data(), &tet, weight);
+        }
+        return edge.norm() * way.norm() * inside / (parts * parts);
+    }
+};
+
+// Random blades end in the liver on up to four sides. The border of a cut is within 0.15 of an element's edge of the
+// blade's path. If this distance is uniformly distributed, and independent in each element along the border, it gives
+// the root mean square error of the area.
+TEST(LiverKnife, SubdivisionSeversTheAreaThatABladeSweeps)
+{
+    Liver liver([](pliant_scene &scene) {
+        scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
+        const int32_t cells[3] = {18, 14, 14};
+        std::copy(cells, cells + 3, scene.mesh.coarse_cells);
+    });
+    const pliant_mesh &mesh = liver.model->body->fine;
+    const double wide = 0.02, deep = 0.06, edge = pliant_tled_shortest_edge(&mesh, mesh.tets);
+    std::mt19937 random(4);
+    std::normal_distribution<double> normal;
+    const auto direction = [&] { return Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized(); };
+    double sum = 0, squares = 0, minimum = 1, maximum = 1;
+    const int strokes = 40;
+    for (int stroke = 0; stroke < strokes;) {
+        const auto node = mesh.tets[4 * (random() % static_cast<unsigned>(mesh.num_tets))];
+        const Eigen::Vector3d middle = Eigen::Map<const Eigen::Vector3d>(mesh.rest + 3 * node), along = direction(),
+                              ahead = along.cross(direction()).normalized();
+        const Rectangle swept{middle - 0.5 * wide * along - 0.5 * deep * ahead, wide * along, deep * ahead};
+        const double area = swept.area_in_tissue(liver);
+        if (area < 0.5 * wide * deep) continue;
+        const Eigen::Vector3d other = swept.corner + swept.edge;
+        const double points[6] = {swept.corner[0], swept.corner[1], swept.corner[2], other[0], other[1], other[2]};
+        pliant_cut_report report{};
+        ASSERT_EQ(pliant_data_cut(liver.model, liver.data, 2, points, swept.way.data(), &report), PLIANT_OK)
+            << pliant_last_error();
+        ASSERT_EQ(pliant_data_undo_cut(liver.model, liver.data), PLIANT_OK);
+        const double ratio = report.area / area;
+        sum += ratio;
+        squares += (ratio - 1) * (ratio - 1);
+        minimum = std::fmin(minimum, ratio);
+        maximum = std::fmax(maximum, ratio);
+        stroke++;
+    }
+    const double error = std::sqrt(squares / strokes), mean = sum / strokes,
+                 bound = 0.15 / std::sqrt(3) * edge * std::sqrt(2 * (wide + deep) * edge) / (wide * deep);
+    if (std::getenv("PLIANT_FIGURES"))
+        std::printf("%.1f mm edges: severed over swept area: mean %.3f, %.2f to %.2f, root mean square error %.1f %% "
+                    "(bound %.1f %%)\n",
+                    1e3 * edge, mean, minimum, maximum, 100 * error, 100 * bound);
+    EXPECT_LT(error, bound);
+    EXPECT_NEAR(mean, 1, 3 * bound / std::sqrt(strokes)) << "three standard deviations of the mean";
 }
 
 } // namespace
