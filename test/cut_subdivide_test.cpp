@@ -428,6 +428,38 @@ TEST(Subdivide, OutOfMemoryChangesNothing)
     }
 }
 
+TEST(Subdivide, ModelsAndCopiesWithoutMemoryLeaveNothing)
+{
+    auto body = bar();
+    const double points[6] = {0.1, 0.04, 0.12, 0.12, 0.11, 0.12}, depth[3] = {0.01, 0, -0.08};
+    ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+    const size_t before = pliant_memory_in_use();
+    const auto fail = [&](const std::function<pliant_status()> &make, const std::function<void()> &release) {
+        int failed = 0;
+        for (int64_t n = 0;; n += 1 + n / 16) {
+            pliant_memory_fail_after(n);
+            const pliant_status status = make();
+            pliant_memory_fail_after(-1);
+            if (status == PLIANT_OK) break;
+            ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << n << ": " << pliant_last_error();
+            ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n;
+            failed++;
+        }
+        EXPECT_GT(failed, 10);
+        release();
+        EXPECT_EQ(pliant_memory_in_use(), before);
+    };
+    pliant_data *copy = nullptr;
+    fail([&] { return pliant_data_copy(body->model, body->data, &copy); },
+         [&] {
+             EXPECT_EQ(copy->body->fine.num_nodes, body->data->body->fine.num_nodes);
+             pliant_data_free(copy);
+         });
+    pliant_model *model = nullptr;
+    fail([&] { return pliant_model_build(&body->scene, &body->scan, nullptr, &body->table, {}, &model); },
+         [&] { pliant_model_free(model); });
+}
+
 // Two sides moved apart: rasterization and the fit draw nothing between them. No fit uses nodes of the other side.
 // After undo, it is the fit of the whole body.
 TEST(Subdivide, AFitDoesNotCrossACut)
