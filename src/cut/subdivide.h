@@ -95,11 +95,11 @@ pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sw
 
 /* parts_of_node.c: return whether a severed face has one of the corners in work->around. */
 bool pliant_split_has_severed(const cut_splitting *work);
-/* Group the corners around a node (work->around). Groups that only an edge or the node connected before the cut stay
- * connected.
+/* Group the corners around a node (work->around), and return the number of groups after the cut. Groups that only an
+ * edge or the node connected before the cut stay connected.
+ *
  * part: (num_around) out: groups connected by faces after the cut (pliant_set_root)
- * whole: (num_around) out: groups connected by faces before the cut
- * Return the number of groups after the cut. */
+ * whole: (num_around) out: groups connected by faces before the cut */
 int32_t pliant_split_find_parts(const cut_splitting *work, int32_t *part, int32_t *whole);
 /* open_faces.c: bisect edges of severed faces that would stay closed because all their corners are on the border of the
  * cut. changed: out: whether faces must be severed again. Errors: MEMORY. */
