@@ -160,6 +160,15 @@ void append_solid(const pliant_part &part, const Eigen::Isometry3d &pose, visual
     out->markers.push_back(marker);
 }
 
+/* Return the rotation from z to a direction, about an axis perpendicular to both. Quaterniond::FromTwoVectors() takes
+ * seven seconds to compile. */
+Eigen::Quaterniond turn_from_z(const Eigen::Vector3d &along)
+{
+    const Eigen::Vector3d to = along.normalized();
+    if (to.z() < -1 + 1e-12) return {0, 1, 0, 0}; /* every axis is perpendicular */
+    return Eigen::Quaterniond(1 + to.z(), -to.y(), to.x(), 0).normalized();
+}
+
 /* Append a capsule as one cylinder and two spheres. */
 void append_capsule(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker,
                     visualization_msgs::MarkerArray *out)
@@ -169,8 +178,7 @@ void append_capsule(const pliant_part &part, const Eigen::Isometry3d &pose, visu
     const double width = 2 * part.radius;
     marker.type = visualization_msgs::Marker::CYLINDER;
     set_scale(width, width, along.norm(), &marker);
-    const Eigen::Quaterniond turn = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), along);
-    set_pose(pose * Eigen::Translation3d(0.5 * (from + to)) * turn, &marker);
+    set_pose(pose * Eigen::Translation3d(0.5 * (from + to)) * turn_from_z(along), &marker);
     out->markers.push_back(marker);
     marker.id++;
     marker.type = visualization_msgs::Marker::SPHERE_LIST;

@@ -90,8 +90,9 @@ private:
         for (int axis = 0; axis < 3; ++axis)
             for (bool turns : {false, true}) {
                 InteractiveMarkerControl control;
-                const Eigen::Vector3d along = Eigen::Vector3d::Unit(axis);
-                control.orientation = tf2::toMsg(Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitX(), along));
+                const Eigen::Vector3d along = Eigen::Vector3d::Unit(axis); /* rotate from x */
+                const Eigen::Quaterniond turn(1 + along.x(), 0, -along.z(), along.y());
+                control.orientation = tf2::toMsg(turn.normalized());
                 control.name = std::string(turns ? "turn_" : "move_") + "xyz"[axis];
                 control.interaction_mode =
                     turns ? InteractiveMarkerControl::ROTATE_AXIS : InteractiveMarkerControl::MOVE_AXIS;
