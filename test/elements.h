@@ -2,18 +2,16 @@
 #ifndef PLIANT_TEST_ELEMENTS_H
 #define PLIANT_TEST_ELEMENTS_H
 
+#include "algebra.h"
 #include "cuts.h"
 #include "fem/system.h"
-
-#include <Eigen/Eigenvalues>
 
 // Return the eigenvalues of a symmetric matrix, in ascending order.
 inline std::vector<double> eigenvalues(const std::vector<double> &a)
 {
     const auto n = static_cast<Eigen::Index>(std::lround(std::sqrt(static_cast<double>(a.size()))));
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(Eigen::Map<const Eigen::MatrixXd>(a.data(), n, n),
-                                                                Eigen::EigenvaluesOnly);
-    return {solver.eigenvalues().data(), solver.eigenvalues().data() + n};
+    const Eigen::VectorXd values = algebra::eigenvalues(Eigen::Map<const Eigen::MatrixXd>(a.data(), n, n));
+    return {values.data(), values.data() + n};
 }
 
 // Elements of a system at rest.

@@ -2,10 +2,10 @@
 #ifndef PLIANT_TEST_TLED_BARS_H
 #define PLIANT_TEST_TLED_BARS_H
 
+#include "algebra.h"
 #include "fem/dynamics/tled.h"
 #include "pipeline/beam.h"
 
-#include <Eigen/Dense>
 #include <array>
 #include <string>
 

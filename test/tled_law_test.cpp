@@ -44,7 +44,7 @@ TEST(Law, IsHookesAtSmallStrainsAndFreeOfStressWhenTurned)
                hooke = 2 * m.mu * strain + m.lambda * strain.trace() * Matrix::Identity(), p;
         pliant_law_response(law, m.lambda, m.mu, f.data(), p.data());
         EXPECT_LT((p - hooke).norm(), 2e-5 * hooke.norm());
-        Matrix turned = Eigen::AngleAxisd(1.3, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+        Matrix turned = algebra::rotation(1.3, {1, 2, 3});
         double energy = pliant_law_response(law, m.lambda, m.mu, turned.data(), p.data());
         EXPECT_LT(p.norm(), 1e-9 * m.mu);
         EXPECT_NEAR(energy, 0, 1e-9 * m.mu);
@@ -161,7 +161,7 @@ TEST(Tled, LargestEigenvalueOfAnElement)
         Moduli m = moduli(4e3, poisson);
         Eigen::Matrix<double, 12, 12, Eigen::RowMajor> k;
         pliant_element_stiffness(g, volume * m.lambda, volume * m.mu, k.data());
-        double largest = Eigen::SelfAdjointEigenSolver<decltype(k)>(k).eigenvalues().maxCoeff();
+        double largest = algebra::eigenvalues(k)[11];
         EXPECT_NEAR(volume * pliant_element_largest_eigenvalue(g, m.lambda, m.mu), largest, 1e-9 * largest);
     }
 }

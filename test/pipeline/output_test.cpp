@@ -1,8 +1,7 @@
 // Output quantities: stress, energy, volume, inversion, clearance, upsampled positions.
+#include "algebra.h"
 #include "body.h"
 #include "fem/element/scalar.h"
-
-#include <Eigen/Dense>
 
 namespace {
 
@@ -34,7 +33,7 @@ TEST_F(Output, UniaxialStrainUnderATurn)
 {
     const double s = 0.05, lambda = 6000 * 0.2 / (1.2 * 0.6), mu = 2500;
     Eigen::Matrix3d stretch = Eigen::Vector3d(1, 1, 1 + s).asDiagonal(),
-                    turn = Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+                    turn = algebra::rotation(1.1, {1, 2, 3});
     Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a = turn * stretch;
     build(a.data());
     for (float v : scalar(PLIANT_SCALAR_VON_MISES)) EXPECT_NEAR(v, 2 * mu * s, 1e-3);
@@ -146,8 +145,7 @@ TEST(CoarseMesh, IsHeldByFixedTissueBetweenItsNodes)
 // An affine map of the coarse positions gives the same map of every free fine node, for every upsampling method.
 TEST_F(Output, UpsamplingKeepsRigidMotion)
 {
-    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a =
-        Eigen::AngleAxisd(0.8, Eigen::Vector3d(0, 1, 0)).toRotationMatrix();
+    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a = algebra::rotation(0.8, {0, 1, 0});
     const double b[3] = {0.02, 0.03, -0.01};
     for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_LOD}) {
         Body coarse(size, box, {{6000, 0.2, 1000, false}});

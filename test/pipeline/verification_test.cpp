@@ -1,12 +1,9 @@
 // Hexahedra (element/kind) against closed forms, published results and CalculiX. Results: src/fem/element/NUMERICS.md.
+#include "algebra.h"
 #include "body.h"
 
 #include "fem/dynamics/tled.h"
 #include "fem/element/rotation.h"
-
-#include <Eigen/Dense>
-#include <Eigen/Sparse>
-#include <Eigen/SparseCholesky>
 
 #include <algorithm>
 #include <array>
@@ -15,7 +12,7 @@ namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using Sparse = Eigen::SparseMatrix<double>;
+using algebra::Sparse;
 
 // Boundary conditions of a node: return whether a direction is prescribed, and the displacement.
 using Support = std::function<bool(const double *x, int direction, double *displacement)>;
@@ -68,17 +65,16 @@ public:
     // Return the sum over elements of R K R'.
     Sparse stiffness(const VectorXd *u = nullptr) const
     {
-        std::vector<Eigen::Triplet<double>> entries;
+        Sparse out{unknowns(), {}};
         for (int e = 0; e < elements().count; e++) {
             MatrixXd root = stiffness_of(e);
             const Eigen::Matrix3d turn = u ? rotation_of(e, *u) : Eigen::Matrix3d::Identity();
-            for (int v = 0; u && 3 * v < root.cols(); v++) root.middleCols(3 * v, 3) *= turn.transpose();
-            const MatrixXd k = root.transpose() * root;
+            for (int v = 0; u && 3 * v < root.cols(); v++)
+                root.middleCols(3 * v, 3) = root.middleCols(3 * v, 3).lazyProduct(turn.transpose()).eval();
+            const MatrixXd k = algebra::product(root.transpose(), root);
             for (int i = 0; i < k.rows(); i++)
-                for (int j = 0; j < k.cols(); j++) entries.emplace_back(global(e, i), global(e, j), k(i, j));
+                for (int j = 0; j < k.cols(); j++) out.entries.push_back({global(e, i), global(e, j), k(i, j)});
         }
-        Sparse out(unknowns(), unknowns());
-        out.setFromTriplets(entries.begin(), entries.end());
         return out;
     }
     // Return the displacements under loads.
@@ -86,11 +82,11 @@ public:
     {
         VectorXd u = VectorXd::Zero(unknowns());
         const std::vector<int> free = free_of(support, &u);
-        const VectorXd right = load - stiffness() * u;
+        const Sparse all = stiffness();
+        const VectorXd right = load - algebra::product(all, u);
         VectorXd part(free.size());
         for (size_t i = 0; i < free.size(); i++) part[i] = right[free[i]];
-        const Eigen::SimplicialLDLT<Sparse> solver(reduced(stiffness(), free));
-        const VectorXd found = solver.solve(part);
+        const VectorXd found = algebra::solve(reduced(all, free), part);
         for (size_t i = 0; i < free.size(); i++) u[free[i]] = found[i];
         return u;
     }
@@ -107,15 +103,12 @@ public:
     }
     static Sparse reduced(const Sparse &k, const std::vector<int> &free)
     {
-        std::vector<int> place(k.rows(), -1);
+        std::vector<int> place(static_cast<size_t>(k.size), -1);
         for (size_t i = 0; i < free.size(); i++) place[free[i]] = static_cast<int>(i);
-        std::vector<Eigen::Triplet<double>> entries;
-        for (int c = 0; c < k.outerSize(); c++)
-            for (Sparse::InnerIterator it(k, c); it; ++it)
-                if (place[it.row()] >= 0 && place[it.col()] >= 0)
-                    entries.emplace_back(place[it.row()], place[it.col()], it.value());
-        Sparse out(free.size(), free.size());
-        out.setFromTriplets(entries.begin(), entries.end());
+        Sparse out{static_cast<int>(free.size()), {}};
+        for (const algebra::Entry &entry : k.entries)
+            if (place[entry.row] >= 0 && place[entry.column] >= 0)
+                out.entries.push_back({place[entry.row], place[entry.column], entry.value});
         return out;
     }
     // Return the mean volume change of an element.
@@ -150,8 +143,7 @@ TEST(Verification, AFreeBodyHasSixZeroModesPartlyFilledCubesToo)
         Solid ball(size, box, {{2000, 0.49, 1000, false}, {1, 0.3, 1, true}}, [&](int i, int j, int k) {
             return std::hypot(std::hypot(i - 5.5, j - 5.5), k - 5.5) > radius;
         }, grid);
-        const Eigen::SelfAdjointEigenSolver<MatrixXd> modes(MatrixXd(ball.stiffness()), Eigen::EigenvaluesOnly);
-        const VectorXd &values = modes.eigenvalues();
+        const VectorXd values = algebra::eigenvalues(algebra::dense(ball.stiffness()));
         std::printf("ball of %g voxels: sixth, seventh eigenvalue over the largest %.1e, %.1e\n", radius,
                     values[5] / values[values.size() - 1], values[6] / values[values.size() - 1]);
         EXPECT_LT(std::fabs(values[5]), 1e-7 * values[values.size() - 1]);
@@ -179,26 +171,24 @@ MatrixXd answers(const Solid &cube)
     std::vector<int> place(cube.unknowns(), -1);
     for (size_t i = 0; i < free.size(); i++) place[free[i]] = static_cast<int>(i);
     // deviatoric part and the full part with a bulk modulus of 1: the H1 norm up to constants (Korn)
-    std::vector<Eigen::Triplet<double>> entries;
+    Sparse s{static_cast<int>(free.size()), {}};
     MatrixXd b = MatrixXd::Zero(free.size(), elements);
     const double volume = 1.0 / elements, kappa = 3000 / (3 * (1 - 2 * 0.49)), mu = 3000 / (2 * 1.49);
     for (int e = 0; e < elements; e++) {
         const MatrixXd root = cube.stiffness_of(e);
         const VectorXd g = cube.gradient_of(e);
-        const MatrixXd s =
-            (root.transpose() * root - volume * kappa * g * g.transpose()) / mu + volume * g * g.transpose();
+        const MatrixXd k = algebra::product(root.transpose(), root);
         for (int i = 0; i < 24; i++) {
             const int row = place[cube.global(e, i)];
             if (row < 0) continue;
             b(row, cube.elements().cell[e]) += std::sqrt(volume) * g[i];
             for (int j = 0; j < 24; j++)
-                if (place[cube.global(e, j)] >= 0) entries.emplace_back(row, place[cube.global(e, j)], s(i, j));
+                if (place[cube.global(e, j)] >= 0)
+                    s.entries.push_back({row, place[cube.global(e, j)],
+                                         (k(i, j) - volume * kappa * g[i] * g[j]) / mu + volume * g[i] * g[j]});
         }
     }
-    Sparse s(free.size(), free.size());
-    s.setFromTriplets(entries.begin(), entries.end());
-    const Eigen::SimplicialLDLT<Sparse> solver(s);
-    return b.transpose() * solver.solve(b);
+    return algebra::product(b.transpose(), algebra::solve(s, b));
 }
 
 InfSup inf_sup(int cells)
@@ -222,17 +212,13 @@ InfSup inf_sup(int cells)
         means.row(n) *= std::sqrt(around / 8) / around;
     }
     InfSup out{};
-    const VectorXd all = Eigen::SelfAdjointEigenSolver<MatrixXd>(of_pressures, Eigen::EigenvaluesOnly).eigenvalues();
+    const VectorXd all = algebra::eigenvalues(of_pressures);
     while (out.spurious < elements && all[out.spurious] < 1e-8) out.spurious++;
     out.cubes = std::sqrt(all[0]);
-    out.filtered = std::sqrt(
-        Eigen::SelfAdjointEigenSolver<MatrixXd>(kept.transpose() * of_pressures * kept, Eigen::EigenvaluesOnly)
-            .eigenvalues()[0]);
-    const MatrixXd inverse = means * of_pressures.ldlt().solve(MatrixXd(means.transpose()));
-    out.nodes =
-        1 /
-        std::sqrt(
-            Eigen::SelfAdjointEigenSolver<MatrixXd>(inverse, Eigen::EigenvaluesOnly).eigenvalues()[inverse.rows() - 1]);
+    const MatrixXd of_kept = algebra::product(kept.transpose(), algebra::product(of_pressures, kept)),
+                   inverse = algebra::product(means, algebra::solve(of_pressures, means.transpose()));
+    out.filtered = std::sqrt(algebra::eigenvalues(of_kept)[0]);
+    out.nodes = 1 / std::sqrt(algebra::eigenvalues(inverse)[inverse.rows() - 1]);
     return out;
 }
 
@@ -290,8 +276,7 @@ Cook cook(int cell, double poisson, int parts, pliant_elasticity law = PLIANT_EL
             part++;
             continue;
         }
-        const Eigen::SimplicialLDLT<Sparse> solver(Solid::reduced(panel.stiffness(&u), free));
-        const VectorXd step = solver.solve(residual);
+        const VectorXd step = algebra::solve(Solid::reduced(panel.stiffness(&u), free), residual);
         for (size_t i = 0; i < free.size(); i++) u[free[i]] += step[i];
     }
     return {panel.solve(support, load)[middle], u[middle]};
@@ -529,9 +514,9 @@ MatrixXd explicit_stiffness(double edge, double young, double poisson)
         rigid(i, 3 + (i + 1) % 3) = x[(i + 2) % 3];
         rigid(i, 3 + (i + 2) % 3) = -x[(i + 1) % 3];
     }
-    const MatrixXd basis = rigid.householderQr().householderQ() * MatrixXd::Identity(24, 6),
-                   rest = MatrixXd::Identity(24, 24) - basis * basis.transpose();
-    return 0.5 * rest * (k + k.transpose()) * rest;
+    MatrixXd rest(24, 24); // projection onto the other motions
+    for (int i = 0; i < 24; i++) rest.col(i) = algebra::remainder(rigid, VectorXd::Unit(24, i));
+    return algebra::product(rest, algebra::product(0.5 * (k + k.transpose()), rest));
 }
 
 // Return the displacements (unknowns) of a clamped bar of 20 cubes with a prescribed or loaded end.
@@ -549,7 +534,7 @@ VectorXd explicit_bar(const MatrixXd &cube, const Support &support, double edge,
         if (support(x, i % 3, &to)) u[i] = to;
         else free.push_back(i);
     }
-    right -= k * u;
+    right -= algebra::product(k, u);
     const Eigen::Index count = static_cast<Eigen::Index>(free.size());
     MatrixXd inner(count, count); // by hand, because Eigen 3.3 has no index lists
     VectorXd pull(count);
@@ -557,7 +542,7 @@ VectorXd explicit_bar(const MatrixXd &cube, const Support &support, double edge,
         pull[i] = right[free[i]];
         for (Eigen::Index j = 0; j < count; j++) inner(i, j) = k(free[i], free[j]);
     }
-    const VectorXd found = inner.ldlt().solve(pull);
+    const VectorXd found = algebra::solve(inner, pull);
     for (Eigen::Index i = 0; i < count; i++) u[free[i]] = found[i];
     return u;
 }
@@ -581,7 +566,10 @@ TEST(Verification, AnExplicitBarOneCubeThinBendsAndTwists)
         const double narrow = explicit_bar(cube, plane, edge, load)[250] / theory / (1 - poisson * poisson) - 1;
         const VectorXd u = explicit_bar(cube, turned, edge, 0);
         double energy = 0;
-        for (int c = 0; c < 20; c++) energy += 0.5 * u.segment(12 * c, 24).dot(cube * u.segment(12 * c, 24));
+        for (int c = 0; c < 20; c++) {
+            const VectorXd own = u.segment(12 * c, 24), force = algebra::product(cube, own);
+            energy += 0.5 * own.dot(force);
+        }
         const double stiff =
             energy / (0.5 * young / (2 + 2 * poisson) * 0.1406 * std::pow(edge, 4) * turn * turn / length) - 1;
         std::printf(
