@@ -27,12 +27,15 @@ struct MaterialTool::Change {
 
 namespace {
 
-struct Table {
+struct MaterialTable {
     pliant_material_table table{};
-    explicit Table(const std::string &yaml) { pliant_material_table_parse(yaml.c_str(), "the session", &table); }
-    ~Table() { pliant_material_table_free(&table); }
-    Table(const Table &) = delete;
-    Table &operator=(const Table &) = delete;
+    explicit MaterialTable(const std::string &yaml)
+    {
+        pliant_material_table_parse(yaml.c_str(), "the session", &table);
+    }
+    ~MaterialTable() { pliant_material_table_free(&table); }
+    MaterialTable(const MaterialTable &) = delete;
+    MaterialTable &operator=(const MaterialTable &) = delete;
     pliant_material *find(const std::string &name)
     {
         for (uint32_t n = 0; n < table.num_materials; n++)
@@ -132,7 +135,7 @@ int MaterialTool::processMouseEvent(rviz::ViewportMouseEvent &event)
 
 void MaterialTool::show_material()
 {
-    Table now(materials_);
+    MaterialTable now(materials_);
     const pliant_material *material = now.find(chosen_);
     if (!material) return;
     showing_ = true;
@@ -150,7 +153,7 @@ void MaterialTool::take_answer()
     pliant::Pick::Response answer;
     QString problem;
     if (!picker_.take(&answer, &problem)) return;
-    Table now(materials_);
+    MaterialTable now(materials_);
     if (problem.isEmpty() && answer.material >= now.table.num_materials)
         problem = "The node has not published its materials yet.";
     if (!problem.isEmpty()) {
@@ -164,7 +167,7 @@ void MaterialTool::take_answer()
 
 void MaterialTool::change_material()
 {
-    Table next(materials_);
+    MaterialTable next(materials_);
     pliant_material *material = next.find(chosen_);
     if (showing_ || !material) return;
     /* only the edited property: properties have single precision */
@@ -199,3 +202,4 @@ void MaterialTool::update(float, float)
 } // namespace pliant_rviz
 
 PLUGINLIB_EXPORT_CLASS(pliant_rviz::MaterialTool, rviz::Tool)
+#include "moc_material_tool.cpp" // made by Qt, compiled with this file

@@ -473,3 +473,4 @@ void MeshDisplay::update(float, float)
 } // namespace pliant_rviz
 
 PLUGINLIB_EXPORT_CLASS(pliant_rviz::MeshDisplay, rviz::Display)
+#include "moc_mesh_display.cpp" // made by Qt, compiled with this file

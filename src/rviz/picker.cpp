@@ -17,7 +17,7 @@
 namespace pliant_rviz {
 
 // maximum distance from the seen point to the nearest tissue; a cut or pull may be one frame old [m]
-static const double REACH = 0.01;
+static const double PICKED_DEPTH = 0.01;
 
 struct Picker::PickRequest {
     pliant::Pick service;
@@ -78,7 +78,7 @@ void Picker::ask(rviz::DisplayContext *context, const Ogre::Ray &ray, const std:
     if (shown) {
         request.threshold = -std::numeric_limits<float>::max();
         request.near = nearest;
-        request.far = nearest + REACH;
+        request.far = nearest + PICKED_DEPTH;
     }
     std::shared_ptr<PickRequest> question = pick_request_;
     std::thread([question] {

@@ -208,3 +208,4 @@ void PullTool::update(float, float)
 } // namespace pliant_rviz
 
 PLUGINLIB_EXPORT_CLASS(pliant_rviz::PullTool, rviz::Tool)
+#include "moc_pull_tool.cpp" // made by Qt, compiled with this file

@@ -11,8 +11,8 @@
 namespace pliant_rviz {
 
 // fractions of the box's diagonal
-static const double HEIGHT = 0.05, AWAY = 0.04;
-const double SideMarks::REACH = AWAY + 0.5 * HEIGHT;
+static const double LETTER_HEIGHT = 0.05, AWAY = 0.04;
+const double SideMarks::REACH = AWAY + 0.5 * LETTER_HEIGHT;
 // cosine of the angle to the view direction above which a side faces the viewer
 static const float FACING = 0.85f;
 
@@ -52,7 +52,7 @@ void SideMarks::show(const Bounds &box, const Ogre::SceneNode &volume, const Ogr
         direction = to_patient * direction;
         marks_[side].node->setPosition(volume.getPosition() + volume.getOrientation() * place);
         marks_[side].text->setCaption(side_letters({{direction.x, direction.y, direction.z}}));
-        marks_[side].text->setCharacterHeight(float(HEIGHT * diagonal));
+        marks_[side].text->setCharacterHeight(float(LETTER_HEIGHT * diagonal));
     }
 }
 

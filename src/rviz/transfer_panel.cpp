@@ -212,3 +212,4 @@ void TransferPanel::apply()
 } // namespace pliant_rviz
 
 PLUGINLIB_EXPORT_CLASS(pliant_rviz::TransferPanel, rviz::Panel)
+#include "moc_transfer_panel.cpp" // made by Qt, compiled with this file

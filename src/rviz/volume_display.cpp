@@ -580,3 +580,4 @@ bool VolumeDisplay::find_visible_point(const Ogre::Vector3 &origin, const Ogre::
 } // namespace pliant_rviz
 
 PLUGINLIB_EXPORT_CLASS(pliant_rviz::VolumeDisplay, rviz::Display)
+#include "moc_volume_display.cpp" // made by Qt, compiled with this file
