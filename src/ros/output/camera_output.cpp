@@ -10,7 +10,7 @@ namespace pliant_ros {
 
 namespace {
 
-enum { POLL_MILLISECONDS = 100, NICE_INCREMENT = 5 };
+enum { NICE_INCREMENT = 5 };
 
 } // namespace
 
@@ -100,8 +100,8 @@ void CameraOutput::run()
     Snapshots::Reader reader(snapshots_);
     std::shared_ptr<const Snapshot> newest;
     View view;
-    const std::chrono::milliseconds maximum(POLL_MILLISECONDS),
-        wait = std::min(maximum, std::chrono::milliseconds(1 + static_cast<int>(500 / std::max(fastest_, 1.0))));
+    const std::chrono::milliseconds frame_wait(1 + static_cast<int>(500 / std::max(fastest_, 1.0))),
+        wait = std::min(poll_period, frame_wait);
     while (!stopping_) {
         const bool wanted = std::any_of(cameras_.begin(), cameras_.end(),
                                         [](const std::unique_ptr<Camera> &camera) { return camera->is_wanted(); });
@@ -110,7 +110,7 @@ void CameraOutput::run()
             newest.reset();
             view.drop(); /* release the memory while there are no subscribers */
             problem_.set("");
-            std::this_thread::sleep_for(maximum);
+            std::this_thread::sleep_for(poll_period);
             continue;
         }
         if (std::shared_ptr<const Snapshot> next = reader.wait(wait)) newest = next;

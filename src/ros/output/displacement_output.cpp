@@ -10,7 +10,7 @@ namespace pliant_ros {
 
 namespace {
 
-enum { MAX_RATE = 5 /* [Hz] */, POLL_MILLISECONDS = 100, MAX_POINTS = 32 /* along an axis */ };
+enum { MAX_RATE = 5 /* [Hz] */, MAX_POINTS = 32 /* along an axis */ };
 
 /* Return a grid of fewer, cubic voxels that covers the scan. */
 pliant_geometry coarse_grid(const pliant_geometry &scan)
@@ -52,10 +52,10 @@ void DisplacementOutput::run()
         reader.want(wanted);
         if (!wanted) {
             problem_.set("");
-            std::this_thread::sleep_for(std::chrono::milliseconds(POLL_MILLISECONDS));
+            std::this_thread::sleep_for(poll_period);
             continue;
         }
-        std::shared_ptr<const Snapshot> snapshot = reader.wait(std::chrono::milliseconds(POLL_MILLISECONDS));
+        std::shared_ptr<const Snapshot> snapshot = reader.wait(poll_period);
         if (!snapshot || !rate_.due(MAX_RATE)) continue;
         try {
             publish(*snapshot);

@@ -8,7 +8,6 @@ namespace {
 
 enum {
     VIEW_RATE = 10 /* marker and points [Hz] */,
-    POLL_MILLISECONDS = 100,
     STATE_QUEUE = 64 /* a recorder that stalls for one second loses no state */
 };
 
@@ -86,10 +85,10 @@ void MeshOutput::run()
         reader.want(wanted);
         if (!wanted) {
             problem_.set("");
-            std::this_thread::sleep_for(std::chrono::milliseconds(POLL_MILLISECONDS));
+            std::this_thread::sleep_for(poll_period);
             continue;
         }
-        std::shared_ptr<const Snapshot> snapshot = reader.wait(std::chrono::milliseconds(POLL_MILLISECONDS));
+        std::shared_ptr<const Snapshot> snapshot = reader.wait(poll_period);
         if (!snapshot) continue;
         try {
             publish(*snapshot);

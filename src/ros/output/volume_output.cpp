@@ -14,12 +14,11 @@ namespace pliant_ros {
 
 namespace {
 
-enum { POLL_MILLISECONDS = 100, SOON_MILLISECONDS = 2 /* where somebody is not ready yet */ };
-
 enum {
     MAX_BOXES = 8,       /* maximum number of boxes per update */
     REPLAY_QUEUE = 1024   /* large enough that no state of a replayed bag is lost */
 };
+const std::chrono::milliseconds soon(2); /* wait for a subscriber that is not ready yet */
 const std::chrono::milliseconds link_patience(100);  /* maximum time for which a slow subscriber delays the others */
 /* a subscriber with a larger delay receives the whole volume as soon as it is ready */
 const std::chrono::seconds whole_volume_after(60);
@@ -81,11 +80,10 @@ void VolumeOutput::run()
         if (!wanted) {
             drop(); /* release the memory while there are no subscribers */
             problem_.set("");
-            std::this_thread::sleep_for(std::chrono::milliseconds(POLL_MILLISECONDS));
+            std::this_thread::sleep_for(poll_period);
             continue;
         }
-        const std::chrono::milliseconds patience(stream_.waits() ? SOON_MILLISECONDS : POLL_MILLISECONDS);
-        std::shared_ptr<const Snapshot> snapshot = reader.wait(patience);
+        std::shared_ptr<const Snapshot> snapshot = reader.wait(stream_.waits() ? soon : poll_period);
         try {
             if (!snapshot) {
                 publish_again();

@@ -27,7 +27,7 @@ std::string materials_text(const pliant_material_table &table)
 
 bool is_there(const std::string &path) { return path.compare(0, 7, "phantom") == 0 || access(path.c_str(), R_OK) == 0; }
 
-std::string folder_of(const std::string &path) { return path.substr(0, path.find_last_of('/') + 1); }
+std::string folder_with_slash(const std::string &path) { return path.substr(0, path.find_last_of('/') + 1); }
 std::string name_of(const std::string &path) { return path.substr(path.find_last_of('/') + 1); }
 
 bool fits(const Scan &scan, const Session &session)
@@ -100,7 +100,8 @@ bool same_model(const Session &a, const Session &b)
 std::vector<std::string> RecordedScanFinder::places(const std::string &named, const std::string &recorded) const
 {
     std::vector<std::string> out;
-    for (const std::string &place : {named, folder_of(named.empty() ? scan_ : named) + name_of(recorded), recorded})
+    const std::string near = folder_with_slash(named.empty() ? scan_ : named) + name_of(recorded);
+    for (const std::string &place : {named, near, recorded})
         if (!place.empty() && is_there(place) && std::find(out.begin(), out.end(), place) == out.end())
             out.push_back(place);
     return out;

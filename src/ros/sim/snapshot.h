@@ -71,6 +71,9 @@ inline void take_snapshot(std::shared_ptr<const LoadedModel> loaded, const plian
     for (size_t i = 0; i < out->positions.size(); ++i) out->positions[i] = static_cast<float>(positions[i]);
 }
 
+/* period at which the threads of readers check whether to stop */
+constexpr std::chrono::milliseconds poll_period(100);
+
 class Snapshots {
 public:
     /* A reader declares whether it needs snapshots; without such readers the simulation creates none. */
