@@ -298,7 +298,7 @@ static pliant_status sever_faces(cut_splitting *work, face_list *list)
         if (status != PLIANT_OK || list->count == 0) return status;
         memset(work->severed, 0, 4 * (size_t)work->num_tets * sizeof *work->severed);
         status = sever(work, list);
-        if (status == PLIANT_OK && work->has_border[CUT_END]) status = pliant_split_open_faces(work, &again);
+        if (status == PLIANT_OK && work->opens_faces) status = pliant_split_open_faces(work, &again);
     }
     return status;
 }
