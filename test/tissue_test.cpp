@@ -1,6 +1,7 @@
 // Self-contact of tissue: blocks, crossing bars, a folded strip, the two sides of a cut.
 #include "base/memory.h"
 #include "contact/detect/tissue.h"
+#include "contact/detect/update_sides.h"
 #include "cuts.h"
 #include "mesh/mesh.h"
 
@@ -169,7 +170,7 @@ TEST(Tissue, DeepNodesArePushedOutByTheShortestPath)
         check_points(blocks.contacts, blocks.positions);
         std::map<int32_t, double> depth;
         for (int32_t c = 0; c < blocks.contacts.count; c++) {
-            EXPECT_EQ(kind_of(blocks.contacts.point[c]), 240);
+            EXPECT_EQ(kind_of(blocks.contacts.point[c]), PLIANT_TISSUE_NODE);
             if (gap(blocks.contacts.point[c], blocks.positions) < 0)
                 depth[blocks.contacts.point[c].node[0]] = gap(blocks.contacts.point[c], blocks.positions);
         }
@@ -269,7 +270,7 @@ TEST(Tissue, EdgesTouchBeforeAndAfterTheyCross)
         EXPECT_EQ(exempt > 0, depth > 0);
         ASSERT_EQ(bars.contacts.count, 1);
         const pliant_contact_point &point = bars.contacts.point[0];
-        EXPECT_EQ(kind_of(point), 241);
+        EXPECT_EQ(kind_of(point), PLIANT_TISSUE_EDGE);
         EXPECT_NEAR(gap(point, bars.positions), -depth, 1e-12);
         EXPECT_NEAR(std::fabs(point.normal[2]), 1, 1e-12);
         EXPECT_EQ(point.normal[2] > 0, bars.block_of[point.node[0]] == 1);
@@ -380,7 +381,7 @@ TEST(Tissue, SidesOfACutTouchAtTheirCommonPoints)
             int faces = 0;
             for (int32_t c = 0; c < contacts.count; c++) {
                 const pliant_contact_point &one = contacts.point[c];
-                if (kind_of(one) != 242) continue;
+                if (kind_of(one) != PLIANT_TISSUE_CUT) continue;
                 faces++;
                 const bool first_up = up[one.node[0]];
                 const double along = (one.normal[0] * normal[0] + one.normal[2] * normal[2]) / length;
