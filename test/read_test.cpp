@@ -418,13 +418,13 @@ TEST(ReadErrors, MissingEmptyAndUnknown)
     save(folder / "empty.nii", "");
     save(folder / "text.txt", "hello, I am no scan");
     save(folder / "text.nii.gz", "hello, I am no scan either, whatever my name says");
-    save(folder / "stub.hdr", std::string(100, '\0'));
+    save(folder / "short.hdr", std::string(100, '\0'));
     expect_refused("", PLIANT_ERROR_FILE, {"no scan"});
     expect_refused(folder / "nothing.nii", PLIANT_ERROR_FILE, {"nothing.nii", "No such file"});
     expect_refused(folder / "empty.nii", PLIANT_ERROR_FORMAT, {"empty.nii", "is empty"});
     expect_refused(folder / "text.txt", PLIANT_ERROR_FORMAT, {"text.txt", "not a scan"});
     expect_refused(folder / "text.nii.gz", PLIANT_ERROR_FORMAT, {"text.nii.gz", "not a NIfTI file"});
-    expect_refused(folder / "stub.hdr", PLIANT_ERROR_FORMAT, {"stub.hdr", "truncated (100 bytes)"});
+    expect_refused(folder / "short.hdr", PLIANT_ERROR_FORMAT, {"short.hdr", "truncated (100 bytes)"});
     pliant_volume volume;
     EXPECT_EQ(pliant_volume_read(nullptr, nullptr, 0, &volume), PLIANT_ERROR_ARGUMENT);
 }

@@ -3,6 +3,7 @@
 #define PLIANT_CUT_CUT_H
 
 #include "pliant/cut.h"
+#include "pliant/scan.h"
 #include "topology/body.h"
 
 #ifdef __cplusplus
@@ -54,6 +55,10 @@ void pliant_body_locate_points(const pliant_body *body, const double *positions,
 /* Find the material point at one point. Return whether tissue is there. */
 bool pliant_body_locate(const pliant_body *body, const double *positions, const double point[3], int32_t *tet,
                         double barycentric[4]);
+
+/* tissue_of_faces.c: return the nearest voxel; -1: outside of the scan.
+ * point: in the frame of the scan [m] */
+int64_t pliant_cut_voxel_at(const pliant_geometry *scan, const double point[3]);
 
 #ifdef __cplusplus
 }

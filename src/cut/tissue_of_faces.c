@@ -7,8 +7,7 @@
 
 #include <math.h>
 
-/* Return the nearest voxel; -1: outside of the scan. */
-static int64_t voxel_at(const pliant_geometry *scan, const double point[3])
+int64_t pliant_cut_voxel_at(const pliant_geometry *scan, const double point[3])
 {
     double index[3];
     int64_t voxel = 0;
@@ -44,7 +43,7 @@ void pliant_split_report_voxels(const cut_splitting *work, int32_t face, const u
             double point[3];
             for (int d = 0; d < 3; d++)
                 point[d] = corner[0][d] + u * (corner[1][d] - corner[0][d]) + v * (corner[2][d] - corner[0][d]);
-            const int64_t voxel = voxel_at(&subdivision->scan, point);
+            const int64_t voxel = pliant_cut_voxel_at(&subdivision->scan, point);
             if (voxel < 0 || subdivision->is_empty[material_of_voxel[voxel]]) continue;
             report->area += part_area;
             report->area_of[material_of_voxel[voxel]] += part_area;

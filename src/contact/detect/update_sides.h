@@ -28,7 +28,7 @@ typedef struct pliant_facing {
     double along[2][3], gap;   /* [m] */
 } pliant_facing;
 
-/* Return whether a point's nodes are corners of the surface. Those of cut faces belong to fragments. */
+/* Return whether a point's nodes are corners of the surface. The nodes of cut faces belong to fragments. */
 PLIANT_INLINE bool pliant_contact_is_of_corners(const pliant_contact_point *point)
 {
     const int kind = (int)(point->feature >> 56);

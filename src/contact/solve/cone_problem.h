@@ -82,7 +82,7 @@ typedef struct pliant_cones {
     int32_t fast_rows;
 } pliant_cones;
 
-/* Return how many numbers the equations have at most. rows: 3 for each point */
+/* Return the maximum size of the equations' array. rows: 3 for each point */
 static inline size_t pliant_cone_numbers(size_t rows)
 {
     const size_t most = PLIANT_CONE_MAX_ROWS, used = rows < most ? rows : most;

@@ -302,8 +302,8 @@ PLIANT_INLINE int32_t pliant_cones_newton(const pliant_team *team, const pliant_
     return 3 * blocks.count;
 }
 
-/* Return how many steps a step counts as. So the work of all steps grows with the square of the rows, as that of
- * sweeps does. */
+/* Return the number of steps that a step counts as. So the total work grows with the square of the rows, as in
+ * sweeps. */
 PLIANT_INLINE int32_t pliant_cone_step_count(int32_t rows)
 {
     return rows > PLIANT_CONE_FEW_ROWS ? (rows + PLIANT_CONE_FEW_ROWS - 1) / PLIANT_CONE_FEW_ROWS : 1;

@@ -82,19 +82,12 @@ static bool is_in_tissue(const knife *work, int32_t tet, const double weight[4])
 {
     const pliant_model *model = work->model;
     const pliant_mesh *fine = &work->data->body->fine;
-    const int32_t *size = model->scan->geometry.size;
-    double rest[3] = {0, 0, 0}, index[3];
-    int64_t voxel = 0;
+    double rest[3] = {0, 0, 0};
     if (tet < 0) return false;
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++) rest[d] += weight[v] * fine->rest[3 * fine->tets[4 * tet + v] + d];
-    pliant_geometry_to_index(&model->scan->geometry, rest, index);
-    for (int d = 2; d >= 0; d--) {
-        const double nearest = floor(index[d] + 0.5);
-        if (!(nearest >= 0 && nearest < size[d])) return false;
-        voxel = voxel * size[d] + (int64_t)nearest;
-    }
-    return !model->materials.materials[model->material_of_voxel[voxel]].empty;
+    const int64_t voxel = pliant_cut_voxel_at(&model->scan->geometry, rest);
+    return voxel >= 0 && !model->materials.materials[model->material_of_voxel[voxel]].empty;
 }
 
 static int32_t count_in_tissue(const knife *work)
