@@ -76,7 +76,7 @@ Pose pose_at(double time)
 }
 
 struct Outcome {
-    double worst = 0, median = 0, torque = 0, lifted = 0;
+    double worst = 0, median = 0, detection = 0, solve = 0, torque = 0, lifted = 0;
     int32_t evaluations = 0, inverted = 0, not_converged = 0;
 };
 
@@ -115,8 +115,12 @@ Outcome close_jaws(const pliant_model *model, const char *name, bool with_blade)
         const double start = cpu();
         const pliant_status status = pliant_step(model, data);
         exit_on_error(status);
-        if (data->contacts.count > 0) times.push_back(cpu() - start);
         const pliant_statistics &statistics = data->statistics;
+        if (data->contacts.count > 0) {
+            times.push_back(cpu() - start);
+            out.detection += statistics.seconds[PLIANT_STEP_contact];
+            out.solve += statistics.seconds[PLIANT_STEP_solve];
+        }
         out.evaluations = std::max(out.evaluations, statistics.iterations);
         out.inverted = std::max(out.inverted, pliant_data_get_inverted(data));
         out.not_converged += status == PLIANT_NOT_CONVERGED;
@@ -124,6 +128,8 @@ Outcome close_jaws(const pliant_model *model, const char *name, bool with_blade)
     }
     if (!with_blade) out.lifted = height - data->positions[3 * nearest + 1];
     std::sort(times.begin(), times.end());
+    out.detection /= static_cast<double>(std::max<size_t>(times.size(), 1));
+    out.solve /= static_cast<double>(std::max<size_t>(times.size(), 1));
     out.worst = times.empty() ? 0 : times.back();
     out.median = times.empty() ? 0 : times[times.size() / 2];
     pliant_data_free(data);
@@ -154,18 +160,18 @@ int main(int argc, char **argv)
     if (names.empty()) names.assign(std::begin(instruments), std::end(instruments));
     double ratio = 0, torque = 0;
     int32_t inverted = 0;
-    std::printf("%-36s %9s %9s %6s %6s %9s %9s %8s %8s\n", "instrument", "worst ms", "median", "ratio", "evals",
-                "not conv.", "inverted", "torque", "lift mm");
+    std::printf("%-36s %9s %9s %6s %9s %9s %6s %9s %9s %8s %8s\n", "instrument", "worst ms", "median", "ratio",
+                "contact", "solve", "evals", "not conv.", "inverted", "torque", "lift mm");
     for (const bool with_blade : {false, true}) {
         const pliant_model *model = make_model(with_blade);
         const double limit = pliant_model_get_scene(model)->contact.grip_torque;
         for (const std::string &name : names) {
             if (with_blade && name.find("scissors") == std::string::npos) continue;
             const Outcome of = close_jaws(model, name.c_str(), with_blade);
-            std::printf("%-36s %9.1f %9.1f %6.1f %6d %9d %9d %8.2f %8.1f\n",
+            std::printf("%-36s %9.1f %9.1f %6.1f %9.1f %9.1f %6d %9d %9d %8.2f %8.1f\n",
                         (name + (with_blade ? " with its blade" : "")).c_str(), 1e3 * of.worst, 1e3 * of.median,
-                        of.worst / of.median, of.evaluations, of.not_converged, of.inverted, of.torque / limit,
-                        1e3 * of.lifted);
+                        of.worst / of.median, 1e3 * of.detection, 1e3 * of.solve, of.evaluations, of.not_converged,
+                        of.inverted, of.torque / limit, 1e3 * of.lifted);
             std::fflush(stdout);
             ratio = std::fmax(ratio, of.worst / of.median);
             torque = std::fmax(torque, of.torque / limit);

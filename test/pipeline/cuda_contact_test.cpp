@@ -17,7 +17,8 @@
 const pliant_tissue_searcher pliant_cuda_tissue_searcher = {nullptr, nullptr, nullptr};
 #endif
 
-namespace {
+namespace
+{
 
 using namespace cuda_contacts;
 
@@ -76,6 +77,49 @@ TEST(CudaContact, MeetsTheCpu)
     }
 }
 
+// More than 128 points: all blocks compute the forces. Then the plate is pressed beyond its force limit. With friction,
+// the forces of single nodes depend on the path.
+TEST(CudaContact, ManyPointsMeetTheCpu)
+{
+    NEEDS_GPU();
+    for (double limit : {20.0, 0.3, 0.31}) {
+        const bool has_friction = limit == 0.31;
+        std::vector<double> forces[2], positions[2];
+        double load[2];
+        for (int k = 0; k < 3; k++) { // the last run repeats the one on the GPU
+            Block flat(cases[0], k ? PLIANT_CUDA : PLIANT_CPU);
+            flat.cells(14, 10, 3, 1);
+            flat.scene.contact.max_force = limit;
+            flat.scene.contact.friction = has_friction ? 0.3 : 0;
+            ASSERT_EQ(flat.build(), PLIANT_OK) << pliant_last_error();
+            flat.add("plate", PLIANT_PART_BOX, 0.03, 0.03, 0.02);
+            for (int s = 1; s <= 4; s++) ASSERT_GE(flat.step(s), 0) << pliant_last_error();
+            EXPECT_STREQ(pliant_data_get_backend(flat.data), k ? "cuda" : "cpu") << pliant_last_error();
+            EXPECT_GT(flat.data->statistics.contacts, 128);
+            EXPECT_LT(flat.data->statistics.contacts, PLIANT_CONE_MAX_ROWS / 3);
+            std::vector<double> now[2] = {
+                forces_on_nodes(flat.data),
+                {flat.data->positions, flat.data->positions + 3 * flat.model->body->fine.num_nodes}};
+            if (k == 2) {
+                EXPECT_EQ(now[0], forces[1]);
+                EXPECT_EQ(now[1], positions[1]);
+                continue;
+            }
+            forces[k] = now[0];
+            positions[k] = now[1];
+            load[k] = pliant_length3(flat.data->tools[0].proxy.load.wrench);
+        }
+        const double apart = max_difference(forces[0], forces[1]) / max_distance_of(forces[0]),
+                     moved = max_difference(positions[0], positions[1]);
+        std::printf("limit %4.2f N: %.3f and %.3f N, a node's force %.1e of it apart, positions %.1e m\n", limit,
+                    load[0], load[1], apart, moved);
+        EXPECT_LT(apart, has_friction ? 0.01 : 1e-5);
+        EXPECT_LT(moved, has_friction ? 1e-5 : 1e-8);
+        EXPECT_NEAR(load[0], load[1], (has_friction ? 1e-4 : 1e-6) * load[0]);
+        if (limit < 1) EXPECT_NEAR(load[1], limit, 0.03 * limit);
+    }
+}
+
 TEST(CudaContact, SameInputSameBits)
 {
     NEEDS_GPU();
@@ -127,7 +171,11 @@ TEST(CudaContact, AfterReleaseTheCpuContinues)
 TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
 {
     NEEDS_GPU();
-    struct { const char *name; int blocks; bool self, still, strikes; double of_forces, of_positions;
+    struct {
+        const char *name;
+        int blocks;
+        bool self, still, strikes;
+        double of_forces, of_positions;
     } runs[] = {{"a block falls and is pressed", 1, false, false, false, 1e-6, 1e-6},
                 {"blocks on each other", 2, true, false, false, 2e-5, 1e-6},
                 {"relaxation", 1, false, true, false, 1e-5, 1e-5},
@@ -327,8 +375,10 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
         for (int32_t c = 0; c < alone.data->contacts.count; c++) {
             const pliant_contact_point &point = alone.data->contacts.point[c];
             // without the force on the remaining block above the ball
-            if (point.kind == PLIANT_OBSTACLE_TOOL) presses -= point.normal[2] < 0 ? point.force[2] : 0;
-            else bears += std::fabs(point.force[2]);
+            if (point.kind == PLIANT_OBSTACLE_TOOL)
+                presses -= point.normal[2] < 0 ? point.force[2] : 0;
+            else
+                bears += std::fabs(point.force[2]);
         }
         std::printf("a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, "
                     "its weight %.4f, pressed with %.4f\n",
@@ -363,7 +413,8 @@ TEST(CudaContact, EightToolsOfWhichOneJumpsOneSpinsAndOneHasNoPose)
                               0.004, x, y);
                 if (t == 6 && s == 4)
                     EXPECT_EQ(pliant_tool_set_pose(body->data, t, none, nullptr), PLIANT_ERROR_ARGUMENT);
-                else ASSERT_EQ(pliant_tool_set_pose(body->data, t, tip, turn), PLIANT_OK);
+                else
+                    ASSERT_EQ(pliant_tool_set_pose(body->data, t, tip, turn), PLIANT_OK);
             }
             ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
             if (body == &gpu) difference.take(cpu, gpu);
@@ -562,14 +613,17 @@ TEST(CudaContact, EveryKernelOnce)
 {
     NEEDS_GPU();
     touch_once(cases[2]);
-    Block flat(cases[0], PLIANT_CUDA); // more points than the GPU computes forces for
-    flat.cells(20, 14, 1, 1);
-    flat.scene.solver.iterations = 2;
-    ASSERT_EQ(flat.build(), PLIANT_OK) << pliant_last_error();
-    flat.add("plate", PLIANT_PART_BOX, 0.03, 0.03, 0.02);
-    for (int s = 1; s <= 3; s++) ASSERT_GE(flat.step(s), 0) << pliant_last_error();
-    EXPECT_STREQ(pliant_data_get_backend(flat.data), "cuda") << pliant_last_error();
-    EXPECT_GT(flat.data->statistics.contacts, 256);
+    for (bool many : {false, true}) { // all blocks compute the forces; more points than the GPU computes forces for
+        Block flat(cases[0], PLIANT_CUDA);
+        flat.cells(many ? 24 : 14, many ? 16 : 10, 1, 1);
+        flat.scene.solver.iterations = 2;
+        ASSERT_EQ(flat.build(), PLIANT_OK) << pliant_last_error();
+        flat.add("plate", PLIANT_PART_BOX, 0.03, 0.03, 0.02);
+        for (int s = 1; s <= 3; s++) ASSERT_GE(flat.step(s), 0) << pliant_last_error();
+        EXPECT_STREQ(pliant_data_get_backend(flat.data), "cuda") << pliant_last_error();
+        EXPECT_GT(flat.data->statistics.contacts, many ? PLIANT_CONE_MAX_ROWS / 3 : 128);
+        EXPECT_LT(flat.data->statistics.contacts, many ? 500 : PLIANT_CONE_MAX_ROWS / 3);
+    }
 }
 
 TEST(CudaContact, EveryKernelOnceOfTissueOnTissue)

@@ -89,10 +89,11 @@ template <class T> static void pack(packing *at, const T *from, size_t count, co
 /* Return the size of the pieces' data, and pack it. */
 static size_t bytes_of_pieces(const pliant_contact_problem *from)
 {
-    const size_t points = (size_t)from->count, moving = (size_t)from->num_moving;
+    const size_t points = (size_t)from->count, moving = (size_t)from->num_moving, limits = (size_t)from->num_couplings;
     return moving == 0 ? 0
                        : (size_t)from->num_arms * sizeof *from->arm + moving * sizeof(pliant_contact_body) +
-                             points * sizeof(double) + (points + 1) * sizeof(int32_t);
+                             points * sizeof(double) + (points + 1) * sizeof(int32_t) +
+                             limits * (sizeof(pliant_coupling) + 9 * points * sizeof(double));
 }
 
 static void pack_pieces(packing *at, const pliant_contact_problem *from, gpu_contacts *contacts)
@@ -101,11 +102,15 @@ static void pack_pieces(packing *at, const pliant_contact_problem *from, gpu_con
     double *d_own_compliance;
     pliant_contact_body *d_piece;
     view->num_moving = from->num_moving;
+    view->num_couplings = from->num_couplings;
     if (from->num_moving == 0) return;
     double *piece_compliance = pack(at, (size_t)from->count, &d_own_compliance);
     contacts->h_piece = pack(at, (size_t)from->num_moving, &d_piece);
     for (int32_t c = 0; c < from->count; c++) piece_compliance[c] = pliant_contact_problem_compliance(from, c);
     for (int32_t m = 0; m < from->num_moving; m++) contacts->h_piece[m] = *pliant_contact_problem_body(from, m);
+    contacts->h_coupling = pack(at, (size_t)from->num_couplings, &view->d_coupling);
+    std::copy(from->coupling, from->coupling + from->num_couplings, contacts->h_coupling);
+    pack(at, from->columns, 9 * (size_t)from->num_couplings * (size_t)from->count, &view->d_coupling_columns);
     pack(at, from->arm, (size_t)from->num_arms, &view->d_arm);
     view->d_own_compliance = d_own_compliance;
     view->d_piece = d_piece;
@@ -168,9 +173,9 @@ static pliant_status make_work(gpu_contacts *contacts, int32_t slots, int32_t pi
     gpu_contact_view *view = &contacts->view;
     const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs,
                  back = (rows + rows * rows) * sizeof(double);
-    const size_t most = 3 * CONTACT_MAX_POINTS; /* the host solves larger problems */
-    const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + rows +
-                         pliant_cone_numbers(std::min(rows, most))) *
+    const size_t blocks = contacts->is_wide ? (size_t)contacts->size.blocks : 1;
+    const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + blocks * rows +
+                         pliant_cone_numbers(rows) + 1) *
                         sizeof(double);
     CUDA_TRY(make_block(contacts, CONTACT_RESULTS, work + back, back));
     CUDA_TRY(
@@ -181,7 +186,8 @@ static pliant_status make_work(gpu_contacts *contacts, int32_t slots, int32_t pi
     view->d_pull = view->d_turned + 9 * (size_t)view->num_weights;
     view->d_piece_moved = view->d_pull + 3 * (size_t)slots;
     view->d_before = view->d_piece_moved + 6 * (size_t)pieces;
-    view->d_equations = view->d_before + rows;
+    view->d_equations = view->d_before + blocks * rows;
+    view->d_arrivals = reinterpret_cast<unsigned *>(view->d_equations + pliant_cone_numbers(rows));
     view->d_change = static_cast<double *>(contacts->d_block[CONTACT_EVALUATION_RESULTS]);
     view->d_found = view->d_change + points;
     view->d_found_motion = view->d_found + points;
@@ -192,7 +198,6 @@ static pliant_status send_view(gpu_contacts *contacts, cudaStream_t stream)
 {
     /* At a fixed address, since a graph refers to it. */
     CUDA_TRY(make_block(contacts, CONTACT_VIEW, sizeof contacts->view, sizeof contacts->view));
-    if (contacts->shared_capacity == 0) CUDA_TRY(pliant_cuda_contact_cones_memory(&contacts->shared_capacity));
     memcpy(contacts->h_block[CONTACT_VIEW], &contacts->view, sizeof contacts->view);
     return pliant_cuda_send(contacts->h_block[CONTACT_VIEW], sizeof contacts->view, contacts->d_block[CONTACT_VIEW],
                             stream);
@@ -204,7 +209,9 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
     gpu_contact_view *view = &contacts->view;
     pliant_contact_problem *from = solver->contacts;
     bool made = false;
+    pliant_contact_problem_begin_couplings(from);
     CUDA_TRY(set_size(contacts, gpu->system.num_free));
+    if (contacts->size.bytes == 0) CUDA_TRY(pliant_cuda_contact_cones_size(&contacts->size));
     const int32_t slots = find_moved_unknowns(from, contacts);
     pliant_status status = pliant_cuda_compliance_compute(&contacts->blocks, &gpu->preconditioner, &gpu->iteration,
                                                           slots, contacts->moved_unknowns, gpu->stream, &made);
@@ -214,6 +221,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
     view->num_slots = slots;
     view->num_springs = pliant_solver_list_springs(solver, spring);
     for (int32_t s = 0; s < view->num_springs; s++) view->spring[s] = spring[s];
+    contacts->is_wide = view->count + view->num_springs > CONTACT_BLOCK_POINTS;
     view->d_column = contacts->blocks.d_column;
     view->stride = contacts->blocks.stride;
     if (status == PLIANT_OK) status = pliant_contact_problem_size_matrix(from, view->num_springs);
@@ -240,11 +248,13 @@ static pliant_status find_forces(pliant_cuda_solver *gpu, pliant_contact_problem
     if (!sensible) {
         memcpy(from->found.force, from->taken.force, points * sizeof *h_found);
         memcpy(from->found.motion, from->taken.motion, points * sizeof *h_found);
-        memcpy(from->found.compliance, from->taken.compliance, sizeof from->found.compliance);
+        for (int32_t n = 0; n < from->num_couplings; n++) from->coupling[n].found = from->coupling[n].taken;
     }
     memcpy(h_found, from->found.force, points * sizeof *h_found);
-    if (changed) memcpy(h_change, from->change, points * sizeof *h_change);
-    else memset(h_change, 0, points * sizeof *h_change);
+    if (changed)
+        memcpy(h_change, from->change, points * sizeof *h_change);
+    else
+        memset(h_change, 0, points * sizeof *h_change);
     CUDA_TRY(pliant_cuda_send(h_change, 2 * points * sizeof *h_change, contacts->d_block[CONTACT_EVALUATION_RESULTS],
                               gpu->stream));
     if (!changed) return PLIANT_OK;
@@ -318,6 +328,10 @@ static pliant_status download(pliant_cuda_solver *gpu)
                                        cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(contacts->h_block[CONTACT_EVALUATION_RESULTS], view->d_force, 2 * bytes,
                                        cudaMemcpyDeviceToHost, gpu->stream)));
+    if (view->num_couplings > 0)
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(contacts->h_coupling, view->d_coupling,
+                                           (size_t)view->num_couplings * sizeof *contacts->h_coupling,
+                                           cudaMemcpyDeviceToHost, gpu->stream)));
     return download_state(gpu);
 }
 
@@ -329,7 +343,7 @@ static pliant_status hand_over(pliant_cuda_solver *gpu, pliant_solver *solver, i
     gpu_state *d_state = gpu->iteration.d_state;
     memcpy(found->force, taken->force, bytes); /* if the state was accepted, they change places */
     memcpy(found->motion, taken->motion, bytes);
-    memcpy(found->compliance, taken->compliance, sizeof found->compliance);
+    pliant_contact_problem_set_couplings(solver->contacts);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(&d_state->done, 0, sizeof d_state->done, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(&d_state->needs_host, 0, sizeof d_state->needs_host, gpu->stream)));
     return run_with_host(gpu, solver, left);
@@ -348,13 +362,17 @@ static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, 
         const double *h_taken = static_cast<const double *>(gpu->contacts.h_block[CONTACT_EVALUATION_RESULTS]);
         memcpy(solver->contacts->taken.force, h_taken, numbers * sizeof *h_taken);
         memcpy(solver->contacts->taken.motion, h_taken + numbers, numbers * sizeof *h_taken);
-        return gpu->h_state->needs_host ? hand_over(gpu, solver, maximum) : PLIANT_OK;
+        std::copy(gpu->contacts.h_coupling, gpu->contacts.h_coupling + gpu->contacts.view.num_couplings,
+                  solver->contacts->coupling);
+        if (gpu->h_state->needs_host) return hand_over(gpu, solver, maximum);
+        pliant_contact_problem_restore_couplings(solver->contacts);
+        return PLIANT_OK;
     }
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not finish");
 }
 
-/* Return whether one block can probably compute the forces: as many points press as at the start of the step. */
-static bool fits_one_block(const gpu_contacts *contacts, const pliant_contact_problem *from)
+/* Return whether the GPU can probably compute the forces: as many points press as at the start of the step. */
+static bool fits_gpu(const gpu_contacts *contacts, const pliant_contact_problem *from)
 {
     const gpu_contact_view *view = &contacts->view;
     int32_t rubbing = view->num_springs, others = 0;
@@ -364,7 +382,7 @@ static bool fits_one_block(const gpu_contacts *contacts, const pliant_contact_pr
         rubbing += presses && from->friction[c] != 0;
         others += presses && from->friction[c] == 0;
     }
-    return 3 * rubbing + others <= PLIANT_CONE_MAX_ROWS && view->count + view->num_springs <= CONTACT_MAX_POINTS;
+    return 3 * rubbing + others <= PLIANT_CONE_MAX_ROWS && view->count + view->num_springs <= contacts->size.points;
 }
 
 pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)
@@ -374,9 +392,8 @@ pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, pliant_solver *s
     CUDA_TRY(prepare(gpu, solver));
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
     CUDA_TRY(pliant_cuda_contact_begin(view, &gpu->iteration, gpu->stream));
-    const bool on_gpu =
-        fits_one_block(&gpu->contacts, solver->contacts) && !pliant_contact_problem_is_near_limit(solver->contacts);
-    return on_gpu ? run_on_gpu(gpu, solver, maximum) : run_with_host(gpu, solver, maximum);
+    return fits_gpu(&gpu->contacts, solver->contacts) ? run_on_gpu(gpu, solver, maximum)
+                                                      : run_with_host(gpu, solver, maximum);
 }
 
 const double *pliant_cuda_contacts_motion(const gpu_contacts *contacts)

@@ -1,6 +1,7 @@
 /* Contact in the quasi-static solve on the GPU, with the rules of src/fem/quasistatic/contact.h. The host detects the
- * contact points. One block computes their forces (cone_rules.h), so evaluations run without the host. If there are too
- * many points for one block, or if a tool is near its force limit, the host computes the forces while the GPU waits. */
+ * contact points. One block computes their forces (cone_rules.h), or all blocks if there are many points. So
+ * evaluations run without the host. Only if there are too many points for the GPU, the host computes the forces while
+ * the GPU waits. */
 #ifndef PLIANT_CUDA_CONTACT_H
 #define PLIANT_CUDA_CONTACT_H
 
@@ -21,14 +22,18 @@ typedef struct gpu_contact_view {
     int32_t num_moving;        /* number of pieces in contact; 0: no arms */
     const int32_t *d_arm_start; /* (count + 1) */
     const pliant_contact_arm *d_arm;
-    const pliant_contact_body *d_piece; /* (num_moving) */
+    pliant_contact_body *d_piece;       /* (num_moving) */
+    int32_t num_couplings;     /* pliant_couplings */
+    pliant_coupling *d_coupling;
+    const double *d_coupling_columns;
     const double *d_own_compliance;     /* (count) compliance of the pieces at the points [m/N] */
     double *d_piece_moved;     /* (6 num_moving) motion under the forces of the present state */
     double *d_turned;          /* (9 num_weights) */
     double *d_pull;            /* (3 num_slots) W' dl, in the nodes' axes */
     double *d_change, *d_found, *d_found_motion; /* (3 count) dl; forces and motion of the last evaluated state */
     double *d_motion, *d_matrix; /* rows: 3 (count + num_springs); A */
-    double *d_before;          /* (rows) pliant_cones */
+    double *d_before;          /* (rows) of each block: pliant_cones */
+    unsigned *d_arrivals;      /* pliant_team */
     double *d_equations;       /* work array for data that exceeds shared memory */
     const float *d_column;
     size_t stride;
@@ -36,11 +41,20 @@ typedef struct gpu_contact_view {
 
 enum { CONTACT_PERSISTENT, CONTACT_RESULTS, CONTACT_EVALUATION_RESULTS, CONTACT_VIEW, CONTACT_BLOCKS };
 
+/* What this GPU offers to the solver of contact forces. */
+typedef struct gpu_cones_size {
+    int32_t bytes,  /* shared memory of a block; 0: unknown yet */
+        blocks,     /* that run at the same time */
+        points;     /* maximum number of points and springs */
+} gpu_cones_size;
+
 typedef struct gpu_contacts {
     gpu_compliance_columns blocks;
     gpu_contact_view view;
     pliant_contact_body *h_piece;  /* (view.num_moving) page-locked copy of view.d_piece */
-    int32_t shared_capacity;       /* shared memory available to a block [bytes]; 0: unknown yet */
+    pliant_coupling *h_coupling;   /* (view.num_couplings) page-locked copy of view.d_coupling */
+    gpu_cones_size size;
+    bool is_wide;                  /* several blocks compute the forces of this step */
     void *d_block[CONTACT_BLOCKS], *h_block[CONTACT_BLOCKS]; /* page-locked; contents: persistent data, and results */
     size_t d_capacity[CONTACT_BLOCKS], h_capacity[CONTACT_BLOCKS];   /* bytes */
     int32_t num_free, *place;  /* (num_free) slot, or -1 */

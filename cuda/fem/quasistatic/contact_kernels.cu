@@ -3,6 +3,7 @@
 #include "cuda/base/check.h"
 #include "cuda/base/launch.h"
 #include "contact/solve/cone_rules.h"
+#include "contact/solve/coupling_rules.h"
 #include "cuda/base/warp_sum.cuh"
 #include "cuda/fem/quasistatic/axes.cuh"
 
@@ -119,6 +120,13 @@ static __device__ void move_pieces(const gpu_contact_view &view)
     }
 }
 
+/* Change the compliance of a coupling and of its body. */
+static __device__ void set_coupling(const gpu_contact_view &view, pliant_coupling *of, double wanted)
+{
+    pliant_coupling_soften_body(of, wanted - of->compliance, view.d_piece + of->moving);
+    of->compliance = wanted;
+}
+
 static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_contact_view *d_view, gpu_iteration iteration)
 {
     const gpu_contact_view view = *d_view;
@@ -126,6 +134,11 @@ static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_contac
     for (int i = (int)threadIdx.x; state.was_accepted && i < 3 * view.count; i += ONE_BLOCK) {
         view.d_force[i] = view.d_found[i];
         view.d_taken_motion[i] = view.d_found_motion[i];
+    }
+    for (int n = (int)threadIdx.x; n < view.num_couplings; n += ONE_BLOCK) {
+        pliant_coupling *of = view.d_coupling + n;
+        if (state.was_accepted) of->taken = of->found;
+        if (state.done && !state.needs_host) set_coupling(view, of, of->taken);
     }
     __syncthreads();
     move_pieces(view);
@@ -262,7 +275,7 @@ static __device__ pliant_cones place_cones(const gpu_contact_view &view, double 
     on.force = shared + row;
     on.change = shared + 2 * row;
     on.moved = shared + 3 * row;
-    on.before = view.d_before;
+    on.before = view.d_before + blockIdx.x * row;
     double *friction = shared + 4 * row;
     for (size_t p = threadIdx.x; p < count; p += CONE_THREADS) friction[p] = view.d_friction[p];
     on.friction = friction;
@@ -286,19 +299,48 @@ static __device__ pliant_cones place_cones(const gpu_contact_view &view, double 
     return on;
 }
 
-/* Compute the contact forces of an evaluation from the measured motions, and their pull, with one block. If the
- * motions are not finite, the old forces stay. If too many points press, the evaluation ends, and the host repeats
- * it. */
+/* Solve the cone problem, and keep the loads of couplings within their limits. Return false if too many points press.
+ * coupling: shared memory */
+static __device__ bool solve_within_limits(const pliant_team *team, const pliant_cones *on,
+                                           const gpu_contact_view &view, pliant_coupling *coupling)
+{
+    pliant_couplings limits = {view.num_couplings,
+                               view.count,
+                               coupling,
+                               view.d_coupling_columns,
+                               view.d_matrix,
+                               on->matrix == view.d_matrix ? nullptr : const_cast<double *>(on->matrix),
+                               0,
+                               0,
+                               0};
+    for (int n = team->rank; n < limits.count; n += team->size) coupling[n] = view.d_coupling[n];
+    pliant_team_wait(team);
+    pliant_couplings_begin(team, &limits);
+    do {
+        if (pliant_cones_run(team, on) < 0) return false;
+    } while (pliant_couplings_adapt(team, on, &limits));
+    return true;
+}
+
+/* Compute the contact forces of an evaluation from the measured motions, and their pull. Several blocks share the large
+ * systems of equations; all else is done by each of them, with the same result. If the motions are not finite, the old
+ * forces stay. If too many points press, the evaluation ends, and the host repeats it. */
 static __global__ void __launch_bounds__(CONE_THREADS)
     cones_kernel(const gpu_contact_view *d_view, gpu_iteration iteration, int capacity)
 {
     extern __shared__ double shared[];
     __shared__ double sums[CONE_THREADS / 32], resistance;
+    __shared__ pliant_coupling coupling[3 * PLIANT_MAX_TOOLS];
     gpu_state &state = *iteration.d_state;
     const gpu_contact_view &view = *d_view;
     if (state.done) return;
-    const pliant_team team = {(int)threadIdx.x, CONE_THREADS, sums};
+    const pliant_team team = {(int)threadIdx.x, CONE_THREADS, sums, nullptr},
+                      all = {(int)(blockIdx.x * CONE_THREADS + threadIdx.x), (int)(gridDim.x * CONE_THREADS), nullptr,
+                             view.d_arrivals};
+    const bool is_wide = gridDim.x > 1;
     pliant_cones on = place_cones(view, shared, (size_t)capacity / sizeof(double));
+    on.wide = is_wide ? &all : &team;
+    on.few_rows = is_wide ? PLIANT_CONE_MAX_ROWS : PLIANT_CONE_FEW_ROWS;
     on.resistance = &resistance;
     if (threadIdx.x == 0) resistance = PLIANT_CONE_WEAK_RESISTANCE;
     const int points = 3 * view.count;
@@ -309,8 +351,17 @@ static __global__ void __launch_bounds__(CONE_THREADS)
     __syncthreads();
     double wrong = 0;
     for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) wrong += !isfinite(on.motion[i]);
-    const bool sensible = pliant_team_sum(&team, wrong) == 0;
-    if (sensible && pliant_cones_run(&team, &on) < 0) {
+    const bool sensible = pliant_team_sum(&team, wrong) == 0,
+               is_solved = !sensible || solve_within_limits(&team, &on, view, coupling);
+    if (blockIdx.x > 0) return;
+    for (int n = (int)threadIdx.x; n < view.num_couplings; n += CONE_THREADS) {
+        pliant_coupling *of = view.d_coupling + n;
+        const double wanted = sensible ? coupling[n].compliance : of->compliance;
+        of->tissue = sensible ? coupling[n].tissue : of->tissue;
+        set_coupling(view, of, wanted);
+        if (is_solved) of->found = sensible ? wanted : of->taken;
+    }
+    if (!is_solved) {
         if (threadIdx.x == 0) state.done = state.needs_host = 1;
         return;
     }
@@ -394,18 +445,23 @@ pliant_status pliant_cuda_contact_push(const gpu_contact_view *d_view, const gpu
     return CUDA_LAUNCHED("push_kernel");
 }
 
-static_assert(CONE_DOUBLES * CONTACT_MAX_POINTS * sizeof(double) < 48 << 10, "every GPU has this shared memory");
+static_assert(CONE_DOUBLES * CONTACT_BLOCK_POINTS * sizeof(double) + 3 * PLIANT_MAX_TOOLS * sizeof(pliant_coupling) <
+                  47 << 10,
+              "every GPU has this shared memory");
 
-pliant_status pliant_cuda_contact_cones_memory(int32_t *bytes)
+pliant_status pliant_cuda_contact_cones_size(gpu_cones_size *out)
 {
-    int device = 0, maximum = 0;
+    int device = 0, maximum = 0, processors = 0, cooperates = 0;
     cudaFuncAttributes own;
     CUDA_TRY(CUDA_CALL(cudaGetDevice(&device)));
     CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&maximum, cudaDevAttrMaxSharedMemoryPerBlockOptin, device)));
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device)));
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&cooperates, cudaDevAttrCooperativeLaunch, device)));
     CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&own, cones_kernel)));
-    maximum -= (int)own.sharedSizeBytes;
-    *bytes = maximum;
-    return CUDA_CALL(cudaFuncSetAttribute(cones_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, maximum));
+    out->bytes = maximum - (int)own.sharedSizeBytes;
+    out->blocks = cooperates ? processors : 1;
+    out->points = out->blocks > 1 ? out->bytes / (int)(CONE_DOUBLES * sizeof(double)) : (int)CONTACT_BLOCK_POINTS;
+    return CUDA_CALL(cudaFuncSetAttribute(cones_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, out->bytes));
 }
 
 pliant_status pliant_cuda_contact_cones(const gpu_contact_view *d_view, const gpu_iteration *iteration, int32_t bytes,
@@ -413,4 +469,16 @@ pliant_status pliant_cuda_contact_cones(const gpu_contact_view *d_view, const gp
 {
     cones_kernel<<<1, CONE_THREADS, (size_t)bytes, stream>>>(d_view, *iteration, bytes);
     return CUDA_LAUNCHED("cones_kernel");
+}
+
+pliant_status pliant_cuda_contact_cones_wide(const gpu_contact_view *view, const gpu_contact_view *d_view,
+                                             const gpu_iteration *iteration, const gpu_cones_size *size,
+                                             cudaStream_t stream)
+{
+    gpu_iteration copy = *iteration;
+    int bytes = size->bytes;
+    void *arguments[] = {&d_view, &copy, &bytes};
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(view->d_arrivals, 0, sizeof *view->d_arrivals, stream)));
+    return CUDA_CALL(cudaLaunchCooperativeKernel(cones_kernel, dim3((unsigned)size->blocks), dim3(CONE_THREADS),
+                                                 arguments, (size_t)bytes, stream));
 }

@@ -16,7 +16,7 @@ extern "C" {
 
 enum {
     PLIANT_CONE_MAX_ROWS = 900 /* maximum number of rows of points in contact for Newton's method */,
-    PLIANT_CONE_FEW_ROWS = 192 /* a step with more rows counts as several */
+    PLIANT_CONE_FEW_ROWS = 192 /* a step with more rows counts as several, unless many blocks share its work */
 };
 #define PLIANT_CONE_FIXED (-1.0) /* instead of mu: any force, v = 0 */
 
@@ -28,22 +28,46 @@ enum {
 #define PLIANT_CONE_WEAK_RESISTANCE 1e-6
 #define PLIANT_CONE_STRONG_RESISTANCE 3e-3
 
-/* Threads that solve one problem together; each takes its part of every loop. */
-typedef struct pliant_team { int rank, size; double *sums; } pliant_team; /* sums: (warps) buffer of the GPU */
+/* Threads that solve one problem together; each takes its part of every loop: one block of a GPU, or several. */
+typedef struct pliant_team {
+    int rank, size;
+    double *sums; /* GPU: (warps) buffer of one block */
+    unsigned
+        *arrivals; /* GPU: several blocks that run at the same time: number of their arrivals; Nullable: one block */
+} pliant_team;
 
 /* Wait for all threads. */
-PLIANT_INLINE void pliant_team_wait(void)
+PLIANT_INLINE void pliant_team_wait(const pliant_team *team)
 {
 #ifdef __CUDACC__
     __syncthreads();
+    if (!team->arrivals) return;
+    if (threadIdx.x == 0) {
+        __threadfence();
+        const unsigned end = (atomicAdd(team->arrivals, 1) / gridDim.x + 1) * gridDim.x;
+        while (*(volatile unsigned *)team->arrivals < end) continue;
+        __threadfence();
+    }
+    __syncthreads();
+#else
+    (void)team;
 #endif
 }
 
-/* Return the sum over all threads, to each of them. All threads have waited then. */
-PLIANT_INLINE double pliant_team_sum(const pliant_team *team, double own)
+/* Return the sum over the threads of a warp, to each of them. */
+PLIANT_INLINE double pliant_warp_sum(double own)
 {
 #ifdef __CUDACC__
     for (int half = 16; half > 0; half /= 2) own += __shfl_xor_sync(0xffffffff, own, half);
+#endif
+    return own;
+}
+
+/* Return the sum over all threads of a block, to each of them. All threads have waited then. */
+PLIANT_INLINE double pliant_team_sum(const pliant_team *team, double own)
+{
+#ifdef __CUDACC__
+    own = pliant_warp_sum(own);
     if (team->rank % 32 == 0) team->sums[team->rank / 32] = own;
     __syncthreads();
     own = 0;
@@ -63,23 +87,24 @@ typedef struct pliant_cone_point {
     int32_t kind, unused;
     double soft[2]; /* along the normal and along both tangents: force per motion of the single point [N/m] */
     double along[2], cone_fraction;
-    double size;               /* magnitude of the block of equations, to detect a singular one */
+    double size; /* magnitude of the block of equations, to detect a singular one */
 } pliant_cone_point;
 
 typedef struct pliant_cones {
     int32_t count;
-    const double *matrix;      /* A, (3 count x 3 count) */
-    const double *friction;    /* (count) mu, or PLIANT_CONE_FIXED */
-    double *motion, *force;    /* (3 count) */
+    const double *matrix;   /* A, (3 count x 3 count) */
+    const double *friction; /* (count) mu, or PLIANT_CONE_FIXED */
+    double *motion, *force; /* (3 count) */
     /* BUFFERS */
-    pliant_cone_point *point;  /* (count) */
-    int32_t *list, *changing;  /* (count) points that are not open; points whose force a step changes */
-    double *change, *moved;    /* (3 count) changes of the forces in a step, and the motions that they cause */
-    double *before;            /* (3 count) forces at the start of the round; unused for held points */
-    double *resistance;        /* fraction of A's diagonal, in and out; all threads share it */
-    double *equations;         /* up to fast_rows: (fast_rows x (fast_rows + 1)) */
-    double *large_equations;   /* more: pliant_cone_numbers(3 count); not read if fast_rows is PLIANT_CONE_MAX_ROWS */
-    int32_t fast_rows;
+    pliant_cone_point *point;    /* (count) */
+    int32_t *list, *changing;    /* (count) points that are not open; points whose force a step changes */
+    double *change, *moved;      /* (3 count) changes of the forces in a step, and the motions that they cause */
+    double *before;              /* (3 count) forces at the start of the round; unused for held points */
+    double *resistance;          /* fraction of A's diagonal, in and out; all threads share it */
+    double *equations;           /* up to fast_rows: (fast_rows x (fast_rows + 1)) */
+    double *large_equations;     /* more: pliant_cone_numbers(3 count); not read if fast_rows is PLIANT_CONE_MAX_ROWS */
+    int32_t fast_rows, few_rows; /* few_rows: a step with more rows counts as several */
+    const pliant_team *wide;     /* solves more than fast_rows equations; or the team itself */
 } pliant_cones;
 
 /* Return the maximum size of the equations' array. rows: 3 for each point */
@@ -95,10 +120,10 @@ static inline size_t pliant_cone_numbers(size_t rows)
 /* Relative change of the forces at which sweeps and useless steps end; limit of their number. */
 #define PLIANT_CONE_TOLERANCE 1e-7
 enum { PLIANT_CONE_SWEEPS = 200 };
-#define PLIANT_CONE_EXACT 1e-9       /* relative residual at which the solution is found */
-#define PLIANT_CONE_FAR 1e-3         /* relative residual above which sweeps come before Newton's method */
-#define PLIANT_CONE_MIN_STEP 0.01    /* shortest fraction of a Newton step */
-#define PLIANT_CONE_MIN_DECREASE 0.9 /* of the squared residual, in a step */
+#define PLIANT_CONE_EXACT 1e-9        /* relative residual at which the solution is found */
+#define PLIANT_CONE_FAR 1e-3          /* relative residual above which sweeps come before Newton's method */
+#define PLIANT_CONE_MIN_STEP 0.01     /* shortest fraction of a Newton step */
+#define PLIANT_CONE_MIN_DECREASE 0.9  /* of the squared residual, in a step */
 #define PLIANT_CONE_WEAK_DAMPING 1e-3 /* Levenberg's, in successive trials of a step */
 #define PLIANT_CONE_STRONG_DAMPING 3e-2
 
@@ -120,7 +145,7 @@ PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cone
         on->point[p].soft[0] = n[0] > 0 ? 1 / n[0] : 0;
         on->point[p].soft[1] = stiff > 0 ? 1 / stiff : 0;
     }
-    pliant_team_wait();
+    pliant_team_wait(team);
 }
 
 /* Compute f - times v of a point before the projection. Return the normal part. z: tangential part */
@@ -214,7 +239,7 @@ PLIANT_INLINE int32_t pliant_cones_list(const pliant_team *team, const pliant_co
     for (int32_t p = 0; p < on->count; p++)
         if (has(on, p)) list[count++] = p;
 #endif
-    pliant_team_wait();
+    pliant_team_wait(team);
     return count;
 }
 
@@ -226,7 +251,7 @@ PLIANT_INLINE void pliant_cones_find_motion(const pliant_team *team, const plian
 #ifdef __CUDACC__
     for (size_t i = (size_t)team->rank; i < row; i += (size_t)team->size) {
         double sum = pliant_cone_resistance(on, i) * on->change[i];
-#pragma unroll 4
+#pragma unroll 8
         for (int32_t n = 0; n < count; n++) {
             /* A is symmetric */
             const size_t p = 3 * (size_t)on->changing[n];
@@ -244,7 +269,7 @@ PLIANT_INLINE void pliant_cones_find_motion(const pliant_team *team, const plian
         for (size_t i = 0; i < row; i++) on->moved[i] += a[i] * by[0] + b[i] * by[1] + c[i] * by[2];
     }
 #endif
-    pliant_team_wait();
+    pliant_team_wait(team);
 }
 
 #ifdef __cplusplus

@@ -7,7 +7,7 @@
 #ifndef PLIANT_CONTACT_SOLVE_CONE_RULES_H
 #define PLIANT_CONTACT_SOLVE_CONE_RULES_H
 
-#include "contact/solve/cone_problem.h"
+#include "contact/solve/cone_equations.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -32,28 +32,6 @@ PLIANT_INLINE void pliant_cone_classify(const pliant_cones *on, int32_t p)
     point->cone_fraction = friction * normal / length;
 }
 
-/* Blocks of three equations: a point with friction, or the normals of three points without. */
-typedef struct pliant_cone_blocks {
-    int32_t rubbing, listed, count; /* points in the list with friction; all points in the list; blocks */
-} pliant_cone_blocks;
-
-/* Return the row of A of equation k of a block, or -1 if the equation is unused. */
-PLIANT_INLINE int32_t pliant_cone_row(const pliant_cones *on, const pliant_cone_blocks *blocks, int32_t block,
-                                      int32_t k)
-{
-    const int32_t first = blocks->rubbing;
-    if (block < first) return 3 * on->list[block] + k;
-    const int32_t n = first + 3 * (block - first) + k;
-    return n < blocks->listed ? 3 * on->list[n] : -1;
-}
-
-/* Return the first point of a block. */
-PLIANT_INLINE pliant_cone_point *pliant_cone_first(const pliant_cones *on, const pliant_cone_blocks *blocks,
-                                                   int32_t block)
-{
-    return on->point + pliant_cone_row(on, blocks, block, 0) / 3;
-}
-
 /* Classify all points. Open points lose their force, and points without friction its tangential part. List all others,
  * first those with friction. */
 PLIANT_INLINE pliant_cone_blocks pliant_cones_classify(const pliant_team *team, const pliant_cones *on)
@@ -66,7 +44,7 @@ PLIANT_INLINE pliant_cone_blocks pliant_cones_classify(const pliant_team *team, 
             on->change[i] = ends ? -on->force[i] : 0;
         }
     }
-    pliant_team_wait();
+    pliant_team_wait(team);
     pliant_cone_blocks blocks;
     blocks.rubbing = pliant_cones_list(team, on, pliant_cone_rubs, on->list);
     const int32_t others = pliant_cones_list(team, on, pliant_cone_only_presses, on->list + blocks.rubbing);
@@ -75,238 +53,31 @@ PLIANT_INLINE pliant_cone_blocks pliant_cones_classify(const pliant_team *team, 
     return blocks;
 }
 
-/* Turn the last two rows of a block of A into the equations of sliding,  f_t + df_t = mu (f_n + df_n) along +
- * cone_fraction Q (z + dz).  Q projects across `along`.
- * @param own the block is on the diagonal */
-PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double friction, bool own, double block[9])
-{
-    const double *s = of->along, part = of->cone_fraction * PLIANT_CONE_STEP_FACTOR * of->soft[1];
-    const double across[2][2] = {{1 - s[0] * s[0], -s[0] * s[1]}, {-s[0] * s[1], 1 - s[1] * s[1]}};
-    for (int c = 0; c < 3; c++) {
-        const double a[2] = {block[3 + c], block[6 + c]};
-        for (int k = 0; k < 2; k++) block[3 + 3 * k + c] = part * (across[k][0] * a[0] + across[k][1] * a[1]);
-    }
-    for (int k = 0; k < 2 && own; k++) {
-        block[3 + 3 * k] -= friction * s[k];
-        for (int l = 0; l < 2; l++) block[4 + 3 * k + l] += (k == l) - of->cone_fraction * across[k][l];
-    }
-}
-
-/* Compute the right side of a block, including the motion by the changes of open points. */
-PLIANT_INLINE void pliant_cone_right_side(const pliant_cones *on, const pliant_cone_blocks *blocks, int32_t block,
-                                          double right[3])
-{
-    for (int k = 0; k < 3; k++) {
-        const int32_t row = pliant_cone_row(on, blocks, block, k);
-        right[k] = row < 0 ? 0.0 : -on->motion[row] - on->moved[row];
-    }
-    const int32_t p = pliant_cone_row(on, blocks, block, 0) / 3;
-    const pliant_cone_point *of = on->point + p;
-    if (on->friction[p] == 0 || of->kind != PLIANT_CONE_SLIDES) return;
-    const double *f = on->force + 3 * (size_t)p, *moved = on->moved + 3 * (size_t)p, *s = of->along;
-    const double part = of->cone_fraction * PLIANT_CONE_STEP_FACTOR * of->soft[1];
-    const double across[2][2] = {{1 - s[0] * s[0], -s[0] * s[1]}, {-s[0] * s[1], 1 - s[1] * s[1]}};
-    for (int k = 0; k < 2; k++)
-        right[1 + k] =
-            on->friction[p] * f[0] * s[k] - f[1 + k] - part * (across[k][0] * moved[1] + across[k][1] * moved[2]);
-}
-
-/* Copy a block of A, with resistance and damping on its diagonal. Unused equations have a 1 on the diagonal. */
-PLIANT_INLINE void pliant_cone_get_block(const pliant_cones *on, const pliant_cone_blocks *blocks, int32_t i, int32_t j,
-                                         double damping, double block[9])
-{
-    const size_t row = 3 * (size_t)on->count;
-    for (int r = 0; r < 3; r++) {
-        const int32_t a = pliant_cone_row(on, blocks, i, r);
-        for (int c = 0; c < 3; c++) {
-            const int32_t b = pliant_cone_row(on, blocks, j, c);
-            block[3 * r + c] = a < 0 || b < 0 ? (a < 0 && i == j && r == c) : on->matrix[(size_t)a * row + (size_t)b];
-        }
-        if (i == j && a >= 0) block[4 * r] = block[4 * r] * (1 + damping) + pliant_cone_resistance(on, (size_t)a);
-    }
-}
-
-/* Set up the equations, (3 blocks x (3 blocks + 1)). damping: fraction that is added to A's diagonal */
-PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pliant_cones *on,
-                                              const pliant_cone_blocks *blocks, double damping)
-{
-    const int32_t count = blocks->count;
-    const size_t width = 3 * (size_t)count + 1;
-    for (int32_t e = team->rank; e < count * count; e += team->size) {
-        const int32_t i = e / count, j = e % count;
-        pliant_cone_point *point = pliant_cone_first(on, blocks, i);
-        double block[9], *out = on->equations + 3 * (size_t)i * width + 3 * (size_t)j;
-        pliant_cone_get_block(on, blocks, i, j, damping, block);
-        if (i < blocks->rubbing && point->kind == PLIANT_CONE_SLIDES)
-            pliant_cone_slide_rows(point, on->friction[on->list[i]], i == j, block);
-        for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) out[(size_t)r * width + (size_t)c] = block[3 * r + c];
-        if (i != j) continue;
-        double right[3];
-        point->size = 1;
-        for (int r = 0; r < 3; r++)
-            point->size *= fmax(fmax(fabs(block[3 * r]), fabs(block[3 * r + 1])), fabs(block[3 * r + 2]));
-        pliant_cone_right_side(on, blocks, i, right);
-        for (int r = 0; r < 3; r++) on->equations[(3 * (size_t)i + (size_t)r) * width + width - 1] = right[r];
-    }
-    pliant_team_wait();
-}
-
-/* Invert a 3 x 3 block by Cramer's rule. The result is 0 if the block depends on previous points; then the point's
- * force stays. */
-PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size, double out[9])
-{
-    const double minimum = 1e-13, *a = m, *b = a + width, *c = b + width;
-    out[0] = b[1] * c[2] - b[2] * c[1];
-    out[1] = a[2] * c[1] - a[1] * c[2];
-    out[2] = a[1] * b[2] - a[2] * b[1];
-    out[3] = b[2] * c[0] - b[0] * c[2];
-    out[4] = a[0] * c[2] - a[2] * c[0];
-    out[5] = a[2] * b[0] - a[0] * b[2];
-    out[6] = b[0] * c[1] - b[1] * c[0];
-    out[7] = a[1] * c[0] - a[0] * c[1];
-    out[8] = a[0] * b[1] - a[1] * b[0];
-    const double whole = a[0] * out[0] + a[1] * out[3] + a[2] * out[6],
-                 by = fabs(whole) > minimum * size ? 1 / whole : 0.0;
-    for (int i = 0; i < 9; i++) out[i] *= by;
-}
-
-/* Invert a block of three points' normals. Three points can depend on others or on each other, so the determinant can
- * be as small as the cube of the resistance. Gauss-Jordan elimination keeps its digits: no pivot is below the
- * resistance, because A has no negative eigenvalue. */
-PLIANT_INLINE void pliant_cone_invert_normals(const double *m, size_t width, double out[9])
-{
-    PLIANT_UNROLL
-    for (int i = 0; i < 9; i++) out[i] = m[(size_t)(i / 3) * width + (size_t)(i % 3)];
-    PLIANT_UNROLL
-    for (int p = 0; p < 3; p++) {
-        const double by = out[4 * p] != 0 ? 1 / out[4 * p] : 0.0;
-        PLIANT_UNROLL
-        for (int c = 0; c < 3; c++) out[3 * p + c] = c == p ? by : by * out[3 * p + c];
-        PLIANT_UNROLL
-        for (int r = 0; r < 3; r++) {
-            const double of = out[3 * r + p];
-            PLIANT_UNROLL
-            for (int c = 0; c < 3 && r != p; c++) out[3 * r + c] = (c == p ? 0 : out[3 * r + c]) - of * out[3 * p + c];
-        }
-    }
-}
-
-/* Divide a pivot's rows by its block, from the next column on. */
-PLIANT_INLINE void pliant_cone_scale_pivot(const pliant_team *team, const pliant_cones *on,
-                                           const pliant_cone_blocks *blocks, int32_t p, int32_t width, double *pivot)
-{
-    const int32_t column = 3 * p, first = column + 3 + team->rank;
-    double inverse[9], *second = pivot + width, *third = second + width;
-    if (first < width && p < blocks->rubbing)
-        pliant_cone_invert(pivot + column, (size_t)width, pliant_cone_first(on, blocks, p)->size, inverse);
-    else if (first < width)
-        pliant_cone_invert_normals(pivot + column, (size_t)width, inverse);
-    for (int32_t k = first; k < width; k += team->size) {
-        const double a = pivot[k], b = second[k], c = third[k];
-        pivot[k] = inverse[0] * a + inverse[1] * b + inverse[2] * c;
-        second[k] = inverse[3] * a + inverse[4] * b + inverse[5] * c;
-        third[k] = inverse[6] * a + inverse[7] * b + inverse[8] * c;
-    }
-    pliant_team_wait();
-}
-
-/* Eliminate a pivot from the three rows of another point. pivot, to: rows; column: of the pivot; first, step: this
- * thread's columns */
-PLIANT_INLINE void pliant_cone_eliminate_rows(const double *pivot, int32_t column, int32_t width, int32_t first,
-                                              int32_t step, double *to)
-{
-    const double *second = pivot + width, *third = second + width;
-    double by[9], *next = to + width, *last = next + width;
-    for (int c = 0; c < 3; c++) {
-        by[c] = to[column + c];
-        by[3 + c] = next[column + c];
-        by[6 + c] = last[column + c];
-    }
-    PLIANT_INDEPENDENT
-    for (int32_t k = first; k < width; k += step) {
-        const double a = pivot[k], b = second[k], c = third[k], x = to[k], y = next[k], z = last[k];
-        to[k] = x - (by[0] * a + by[1] * b + by[2] * c);
-        next[k] = y - (by[3] * a + by[4] * b + by[5] * c);
-        last[k] = z - (by[6] * a + by[7] * b + by[8] * c);
-    }
-}
-
-#ifdef __CUDACC__
-/* Eliminate above and below the diagonal, with one warp for each block, because threads can share this work. */
-PLIANT_INLINE void pliant_cones_reduce(const pliant_team *team, const pliant_cones *on,
-                                       const pliant_cone_blocks *blocks)
-{
-    const int32_t count = blocks->count, width = 3 * count + 1;
-    double *const all = on->equations;
-    for (int32_t p = 0; p < count; p++) {
-        double *const pivot = all + 3 * (size_t)p * (size_t)width;
-        pliant_cone_scale_pivot(team, on, blocks, p, width, pivot);
-        for (int32_t i = team->rank / 32; i < count; i += team->size / 32)
-            if (i != p)
-                pliant_cone_eliminate_rows(pivot, 3 * p, width, 3 * p + 3 + team->rank % 32, 32,
-                                           all + 3 * (size_t)i * (size_t)width);
-        pliant_team_wait();
-    }
-}
-#else
-/* Eliminate below the diagonal, and substitute back. A tile of rows stays in the cache while all pivots above pass. */
-PLIANT_INLINE void pliant_cones_reduce(const pliant_team *team, const pliant_cones *on,
-                                       const pliant_cone_blocks *blocks)
-{
-    const int32_t count = blocks->count, width = 3 * count + 1, tile = 4;
-    double *const all = on->equations;
-    for (int32_t first = 0; first < count; first += tile) {
-        const int32_t end = first + tile < count ? first + tile : count;
-        for (int32_t p = 0; p < end; p++) {
-            double *const pivot = all + 3 * (size_t)p * (size_t)width;
-            if (p >= first) pliant_cone_scale_pivot(team, on, blocks, p, width, pivot);
-            for (int32_t i = p < first ? first : p + 1; i < end; i++)
-                pliant_cone_eliminate_rows(pivot, 3 * p, width, 3 * p + 3, 1, all + 3 * (size_t)i * (size_t)width);
-        }
-    }
-    for (int32_t r = 3 * count - 4; r >= 0; r--) {
-        double *own = all + (size_t)r * (size_t)width, sum = 0;
-        for (int32_t k = 3 * (r / 3) + 3; k < width - 1; k++) sum += own[k] * all[(size_t)(k + 1) * (size_t)width - 1];
-        own[width - 1] -= sum;
-    }
-}
-#endif
-
-/* Solve by elimination with blocks of three. The last column becomes the changes. */
-PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_cones *on,
-                                          const pliant_cone_blocks *blocks)
-{
-    const int32_t rows = 3 * blocks->count, width = rows + 1;
-    double *const all = on->equations;
-    pliant_cones_reduce(team, on, blocks);
-    for (int32_t r = team->rank; r < rows; r += team->size) {
-        const int32_t row = pliant_cone_row(on, blocks, r / 3, r % 3);
-        if (row >= 0) on->change[row] = all[(size_t)(r + 1) * (size_t)width - 1];
-    }
-    pliant_team_wait();
-}
-
 /* Solve the linearized equations of all points that are not open, and compute change and moved. Return the number of
  * rows; -1: there are too many points. */
 PLIANT_INLINE int32_t pliant_cones_newton(const pliant_team *team, const pliant_cones *on, double damping)
 {
     const pliant_cone_blocks blocks = pliant_cones_classify(team, on);
+    const bool is_large = 3 * blocks.count > on->fast_rows;
+    const pliant_team *solves = is_large ? on->wide : team;
     if (3 * blocks.count > PLIANT_CONE_MAX_ROWS) return -1;
     pliant_cones with = *on;
-    if (3 * blocks.count > on->fast_rows) with.equations = on->large_equations;
+    if (is_large) with.equations = on->large_equations;
     pliant_cones_find_motion(team, on); /* of the points that open */
-    pliant_cones_set_equations(team, &with, &blocks, damping);
-    pliant_cones_eliminate(team, &with, &blocks);
+    pliant_cones_find_sizes(team, on, &blocks, damping);
+    pliant_cones_set_equations(solves, &with, &blocks, damping);
+    pliant_cones_reduce(team, solves, &with, &blocks);
+    pliant_cones_take_changes(team, &with, &blocks);
+    pliant_team_wait(solves);
     pliant_cones_find_motion(team, on);
     return 3 * blocks.count;
 }
 
 /* Return the number of steps that a step counts as. So the total work grows with the square of the rows, as in
  * sweeps. */
-PLIANT_INLINE int32_t pliant_cone_step_count(int32_t rows)
+PLIANT_INLINE int32_t pliant_cone_step_count(const pliant_cones *on, int32_t rows)
 {
-    return rows > PLIANT_CONE_FEW_ROWS ? (rows + PLIANT_CONE_FEW_ROWS - 1) / PLIANT_CONE_FEW_ROWS : 1;
+    return rows > on->few_rows ? (rows + on->few_rows - 1) / on->few_rows : 1;
 }
 
 /* Take a step: add `length` times change and moved to forces and motions. */
@@ -316,7 +87,7 @@ PLIANT_INLINE void pliant_cones_apply_step(const pliant_team *team, const pliant
         on->force[i] += length * on->change[i];
         on->motion[i] += length * on->moved[i];
     }
-    pliant_team_wait();
+    pliant_team_wait(team);
 }
 
 /* Line search: take the first step length that reduces the squared residual to half, or else the best one. Return
@@ -391,24 +162,28 @@ PLIANT_INLINE int32_t pliant_cones_next(const pliant_team *team, const pliant_co
 /* Sweep over all points. Return the sum of the squared changes. */
 PLIANT_INLINE double pliant_cones_sweep(const pliant_team *team, const pliant_cones *on)
 {
-    const size_t row = 3 * (size_t)on->count;
+    const size_t row = 3 * (size_t)on->count, own = (size_t)team->rank, step = (size_t)team->size;
     double sum = 0;
     for (int32_t p = 0; (p = pliant_cones_next(team, on, p)) < on->count; p++) {
         double change[3], *f = on->force + 3 * (size_t)p;
         const double *a = on->matrix + 3 * (size_t)p * row, *b = a + row, *c = b + row;
-        if (on->friction[p] < 0) pliant_cone_sweep_fixed_point(on, p, change);
-        else pliant_cone_sweep_point(on, p, change);
+        /* loaded early: a GPU waits long for them */
+        const double first[3] = {own < row ? a[own] : 0, own < row ? b[own] : 0, own < row ? c[own] : 0};
+        if (on->friction[p] < 0)
+            pliant_cone_sweep_fixed_point(on, p, change);
+        else
+            pliant_cone_sweep_point(on, p, change);
         const double square = change[0] * change[0] + change[1] * change[1] + change[2] * change[2];
         if (square == 0) continue;
         sum += square;
-        pliant_team_wait();
-        for (int k = team->rank; k < 3; k += team->size) f[k] += change[k];
-        for (size_t j = (size_t)team->rank; j < row; j += (size_t)team->size)
+        pliant_team_wait(team);
+        for (size_t k = own; k < 3; k += step) f[k] += change[k];
+        if (own < row) on->motion[own] += first[0] * change[0] + first[1] * change[1] + first[2] * change[2];
+        for (size_t j = own + step; j < row; j += step)
             on->motion[j] += a[j] * change[0] + b[j] * change[1] + c[j] * change[2];
-        pliant_team_wait();
-        for (size_t k = (size_t)team->rank; k < 3; k += (size_t)team->size)
-            on->motion[3 * (size_t)p + k] += pliant_cone_resistance(on, 3 * (size_t)p + k) * change[k];
-        pliant_team_wait();
+        for (size_t k = 0, j = 3 * (size_t)p; k < 3; k++, j++)
+            if (j % step == own) on->motion[j] += pliant_cone_resistance(on, j) * change[k];
+        pliant_team_wait(team);
     }
     return sum;
 }
@@ -425,7 +200,7 @@ PLIANT_INLINE void pliant_cones_project(const pliant_team *team, const pliant_co
             pliant_cone_projection_change(on->point + p, on->friction[p], 1.0, on->motion + i, on->force + i,
                                           on->change + i);
     }
-    pliant_team_wait();
+    pliant_team_wait(team);
     pliant_cones_find_motion(team, on);
     pliant_cones_apply_step(team, on, 1.0);
 }
@@ -436,14 +211,14 @@ PLIANT_INLINE void pliant_cones_project(const pliant_team *team, const pliant_co
  * @param left squared residual, in and out; @param steps number of steps, in and out; @param leads out: the
  *   residual was reduced */
 PLIANT_INLINE int32_t pliant_cones_step(const pliant_team *team, const pliant_cones *on, double *left, int32_t *steps,
-                                     bool *leads)
+                                        bool *leads)
 {
     const double damping[] = {0, PLIANT_CONE_WEAK_DAMPING, PLIANT_CONE_STRONG_DAMPING};
     int32_t rows = 0;
     *leads = false;
     for (int d = 0; d < 3 && !*leads; d++) {
         if ((rows = pliant_cones_newton(team, on, damping[d])) < 0) return rows;
-        *steps += pliant_cone_step_count(rows);
+        *steps += pliant_cone_step_count(on, rows);
         *leads = pliant_cones_line_search(team, on, left);
     }
     return rows;
@@ -483,7 +258,7 @@ PLIANT_INLINE pliant_cone_result pliant_cones_make_round(const pliant_team *team
         const double size = pliant_cones_squared_force(team, on);
         bool ends = left <= PLIANT_CONE_EXACT * PLIANT_CONE_EXACT * size;
         const bool is_last_step = steps >= max_steps || sweeps >= max_sweeps;
-        if (!ends && is_last_step && rows > PLIANT_CONE_FEW_ROWS) result = PLIANT_CONES_TOO_MANY;
+        if (!ends && is_last_step && rows > on->few_rows) result = PLIANT_CONES_TOO_MANY;
         if (!ends && is_last_step) break;
         if (!ends) {
             bool leads;
@@ -524,9 +299,8 @@ PLIANT_INLINE void pliant_cones_begin_round(const pliant_team *team, const plian
 PLIANT_INLINE void pliant_cones_end_round(const pliant_team *team, const pliant_cones *on)
 {
     for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size)
-        if (on->friction[i / 3] >= 0)
-            on->motion[i] -= pliant_cone_resistance(on, i) * (on->force[i] - on->before[i]);
-    pliant_team_wait();
+        if (on->friction[i / 3] >= 0) on->motion[i] -= pliant_cone_resistance(on, i) * (on->force[i] - on->before[i]);
+    pliant_team_wait(team);
 }
 
 /* Solve from given forces and motions. Return the number of steps and sweeps. A negative result means too many points
@@ -540,9 +314,9 @@ PLIANT_INLINE int32_t pliant_cones_run(const pliant_team *team, const pliant_con
         pliant_cones_end_round(team, on);
         if (result == PLIANT_CONES_TOO_MANY) return -made - 1;
         if (result == PLIANT_CONES_SOLVED || *on->resistance >= PLIANT_CONE_STRONG_RESISTANCE) return made;
-        pliant_team_wait();
+        pliant_team_wait(team);
         if (team->rank == 0) *on->resistance = PLIANT_CONE_STRONG_RESISTANCE;
-        pliant_team_wait();
+        pliant_team_wait(team);
     }
 }
 

@@ -94,7 +94,9 @@ PLIANT_VECTORIZED static int32_t solve(int32_t count, const double *matrix, cons
                        .moved = buffer + row,
                        .before = buffer + 6 * row,
                        .equations = rest + (PLIANT_CONE_BUFFER - 7) * row,
-                       .fast_rows = PLIANT_CONE_MAX_ROWS};
+                       .fast_rows = PLIANT_CONE_MAX_ROWS,
+                       .few_rows = PLIANT_CONE_FEW_ROWS,
+                       .wide = &team};
     void *points = buffer + 2 * row, *lists = buffer + 5 * row;
     on.point = points;
     on.list = lists;

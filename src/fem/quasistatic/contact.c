@@ -16,9 +16,9 @@
 void pliant_contact_problem_free(pliant_contact_problem *contacts)
 {
     if (!contacts) return;
-    PLIANT_FREE(contacts->point, contacts->frame, contacts->goal, contacts->start, contacts->arm_start,
-                contacts->friction, contacts->taken.force, contacts->taken.motion, contacts->found.force,
-                contacts->found.motion, contacts->change);
+    PLIANT_FREE(contacts->columns, contacts->point, contacts->frame, contacts->goal, contacts->start,
+                contacts->arm_start, contacts->friction, contacts->taken.force, contacts->taken.motion,
+                contacts->found.force, contacts->found.motion, contacts->change);
     pliant_compliance_free(&contacts->blocks);
     PLIANT_FREE(contacts->unknown, contacts->arm, contacts->moving, contacts->block, contacts->rotated_block,
                 contacts->moved_unknowns, contacts->visited, contacts->matrix, contacts->motion, contacts->force,
@@ -118,8 +118,10 @@ static pliant_status add_weights(pliant_solver *solver, const pliant_contact_poi
         double block[9] = {w, 0, 0, 0, w, 0, 0, 0, w};
         for (int m = 0; m < 9 && keeps_volume; m++) block[m] += n[m / 3] * (gradient[k][m % 3] - w * n[m % 3]);
         const int32_t unknown = is_fine ? system->free_of_node[point->node[k]] : -1;
-        if (!is_fine) status = add_upsampled_weights(solver, 1, point->node + k, &one, block);
-        else if (unknown >= 0 && (w != 0 || keeps_volume)) status = add_weight(solver->contacts, unknown, block);
+        if (!is_fine)
+            status = add_upsampled_weights(solver, 1, point->node + k, &one, block);
+        else if (unknown >= 0 && (w != 0 || keeps_volume))
+            status = add_weight(solver->contacts, unknown, block);
     }
     return status;
 }
@@ -127,7 +129,7 @@ static pliant_status add_weights(pliant_solver *solver, const pliant_contact_poi
 static void set_frame(const double normal[3], double frame[9])
 {
     const int minimum = fabs(normal[0]) < fabs(normal[1]) ? (fabs(normal[0]) < fabs(normal[2]) ? 0 : 2)
-                                                        : (fabs(normal[1]) < fabs(normal[2]) ? 1 : 2);
+                                                          : (fabs(normal[1]) < fabs(normal[2]) ? 1 : 2);
     double *n = frame, *t = frame + 3, *s = frame + 6, length = 0;
     memcpy(n, normal, 3 * sizeof *n);
     for (int d = 0; d < 3; d++) {
@@ -145,8 +147,8 @@ static void moved_point(const pliant_system *system, const pliant_contact_proble
 {
     memset(out, 0, 3 * sizeof *out);
     for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++)
-        pliant_add_product(contacts->block + 9 * (size_t)w,
-                           x + 3 * (size_t)system->node_of_free[contacts->unknown[w]], out);
+        pliant_add_product(contacts->block + 9 * (size_t)w, x + 3 * (size_t)system->node_of_free[contacts->unknown[w]],
+                           out);
 }
 
 static void into_frame(const double frame[9], const double v[3], double out[3])
@@ -196,9 +198,7 @@ pliant_status pliant_solver_set_contacts(pliant_solver *solver, pliant_contacts 
     contacts->points = points;
     contacts->pieces = pieces;
     contacts->count = contacts->num_weights = contacts->num_arms = contacts->num_moving = 0;
-    memset(contacts->tissue_compliance, 0, sizeof contacts->tissue_compliance);
-    memset(contacts->taken.compliance, 0, sizeof contacts->taken.compliance);
-    memset(contacts->found.compliance, 0, sizeof contacts->found.compliance);
+    contacts->num_couplings = 0;
     if (!points) return PLIANT_OK;
     status = reserve_capacity(contacts, points->count);
     for (int32_t p = 0; p < points->count && status == PLIANT_OK; p++) {
@@ -219,7 +219,8 @@ pliant_status pliant_solver_set_contacts(pliant_solver *solver, pliant_contacts 
         set_point(solver, points->point + p, c, fine_positions);
         contacts->count++;
     }
-    if (status != PLIANT_OK) contacts->count = 0;
+    if (status == PLIANT_OK) status = pliant_contact_problem_list_couplings(contacts);
+    if (status != PLIANT_OK) contacts->count = contacts->num_couplings = 0;
     return status;
 }
 
@@ -316,6 +317,7 @@ pliant_status pliant_contact_problem_find_matrix(pliant_solver *solver)
 {
     pliant_contact_problem *contacts = solver->contacts;
     if (!pliant_contact_problem_has_points(contacts)) return PLIANT_OK;
+    pliant_contact_problem_begin_couplings(contacts);
     turn(solver);
     int32_t num_moved_unknowns = 0;
     for (int32_t w = 0; w < contacts->num_weights; w++) {
@@ -382,8 +384,10 @@ pliant_status pliant_contact_problem_free_step(pliant_solver *solver, pliant_ite
     if (!solver->contacts->factor)
         return pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
     const pliant_contact_problem *contacts = solver->contacts;
-    if (contacts->can_split_solve) pliant_factor_begin_half(contacts->factor, at->residual);
-    else pliant_factor_begin(contacts->factor, at->residual, at->free_step);
+    if (contacts->can_split_solve)
+        pliant_factor_begin_half(contacts->factor, at->residual);
+    else
+        pliant_factor_begin(contacts->factor, at->residual, at->free_step);
     for (int32_t i = 0; i < contacts->num_moved_unknowns && contacts->can_split_solve; i++)
         pliant_factor_half_answer(contacts->factor,
                                   pliant_compliance_half_solve(&contacts->blocks, contacts->moved_unknowns[i]),
@@ -435,8 +439,10 @@ pliant_status pliant_contact_problem_step(pliant_solver *solver, pliant_iterate 
         pliant_factor_half_add(contacts->factor,
                                pliant_compliance_half_solve(&contacts->blocks, contacts->moved_unknowns[i]),
                                contacts->step + 3 * (size_t)contacts->moved_unknowns[i]);
-    if (contacts->can_split_solve) pliant_factor_end_half(contacts->factor, at->step);
-    else if (contacts->factor) pliant_factor_end(contacts->factor, contacts->step, at->step);
+    if (contacts->can_split_solve)
+        pliant_factor_end_half(contacts->factor, at->step);
+    else if (contacts->factor)
+        pliant_factor_end(contacts->factor, contacts->step, at->step);
     if (contacts->factor) return PLIANT_OK;
     pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, contacts->step, contacts->step);
     for (size_t i = 0; i < n; i++) at->step[i] += contacts->step[i];
@@ -448,6 +454,7 @@ void pliant_contact_problem_accept(pliant_contact_problem *contacts)
     const pliant_contact_forces swap = contacts->taken;
     contacts->taken = contacts->found;
     contacts->found = swap;
+    for (int32_t n = 0; n < contacts->num_couplings; n++) contacts->coupling[n].taken = contacts->coupling[n].found;
 }
 
 static double depth_of(const pliant_contact_problem *contacts, int32_t c, const double *moved)

@@ -12,6 +12,7 @@
 #define PLIANT_FEM_QUASISTATIC_CONTACT_H
 
 #include "contact/contact.h"
+#include "contact/solve/coupling_rules.h"
 #include "fem/linear/compliance.h"
 #include "fem/quasistatic/anderson.h"
 #include "fem/quasistatic/rigid_body_rules.h"
@@ -29,7 +30,6 @@ typedef struct pliant_touch_limit {
     double load;           /* [N] or [N m] */
     double compliance;     /* of the coupling below this load [m/N] or [rad/(N m)] */
     double axis[3];        /* unit axis of the jaws; unused for the others */
-    bool is_near;          /* the leg starts with more than the fraction soft_begin of this load */
 } pliant_touch_limit;
 
 /* Rigid bodies with contact points: detached pieces and proxies of tools. */
@@ -47,7 +47,6 @@ typedef struct pliant_contact_forces {
     double *force;         /* (capacity x 3) l + dl: normal and two tangential components [N] */
     /* (capacity x 3) motion of the point at x + g relative to its contact and sticking position, likewise [m] */
     double *motion;
-    double compliance[3 * PLIANT_MAX_TOOLS]; /* of each coupling that has a limit; 0: unchanged [m/N or rad/(N m)] */
 } pliant_contact_forces;
 
 struct pliant_contact_problem {
@@ -69,8 +68,10 @@ struct pliant_contact_problem {
     int32_t *arm_start;      /* (capacity + 1) */
     pliant_contact_arm *arm; /* (arm_capacity) */
     int32_t *moving;         /* (num_moving) bodies of the points: a piece's number, or -1 minus a proxy's number */
-    /* (PLIANT_MAX_TOOLS x 3) compliance of the tissue against each coupling, estimated in this leg; 0: unknown */
-    double tissue_compliance[3 * PLIANT_MAX_TOOLS];
+    int32_t num_couplings;   /* that have a limit, of tools that touch */
+    pliant_coupling coupling[3 * PLIANT_MAX_TOOLS];
+    double *columns;         /* (num_couplings x count x 9) pliant_couplings */
+    size_t columns_capacity;
     /* FORCES */
     pliant_contact_forces taken, found; /* of the step's state; of the last evaluation */
     double *change;                     /* (capacity x 3) dl of the last evaluation */
@@ -139,13 +140,16 @@ const pliant_contact_body *pliant_contact_problem_body(const pliant_contact_prob
 double pliant_contact_problem_compliance(const pliant_contact_problem *contacts, int32_t point);
 /* Add the block of A of two points by their common rigid bodies to out, in their frames. */
 void pliant_contact_problem_add_bodies(const pliant_contact_problem *contacts, int32_t a, int32_t b, double out[9]);
-/* Keep the loads of all couplings within their limits. A coupling at its limit has the compliance at which its load is
- * the limit, so it pulls with a constant force. Otherwise it has its own compliance. The function updates A and the
- * forces of the last cone solve. resistance: of cones.h, in and out */
+/* List the couplings of all tools that touch, once all points are set. Errors: MEMORY. */
+pliant_status pliant_contact_problem_list_couplings(pliant_contact_problem *contacts);
+/* Read the compliances of the couplings, before A is computed. */
+void pliant_contact_problem_begin_couplings(pliant_contact_problem *contacts);
+/* Keep the loads of all couplings within their limits (coupling_rules.h). The function updates A and the forces of the
+ * last cone solve. resistance: of cones.h, in and out */
 void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int num_tools, double *resistance);
-/* Return whether a coupling in contact starts the leg near its limit. */
-bool pliant_contact_problem_is_near_limit(const pliant_contact_problem *contacts);
-/* Give all couplings the compliances of the accepted forces again, after a rejected evaluation has changed them. */
+/* Give all bodies the present compliances of their couplings. */
+void pliant_contact_problem_set_couplings(pliant_contact_problem *contacts);
+/* Give all bodies the compliances of the accepted forces again, after a rejected evaluation has changed them. */
 void pliant_contact_problem_restore_couplings(pliant_contact_problem *contacts);
 /* Add the motion of the points by the rigid bodies under these forces (in the points' frames) to motion (count x
  * 3). bare: without the points' own compliance */

@@ -4,6 +4,7 @@
 #include "base/buffer.h"
 #include "base/fail.h"
 #include "contact/solve/cones.h"
+#include "contact/solve/coupling_rules.h"
 
 #include <math.h>
 #include <string.h>
@@ -139,16 +140,25 @@ void pliant_contact_problem_move_bodies(const pliant_contact_problem *contacts, 
 
 /* ---- limits of couplings */
 
-/* One coupling that has a limit: columns of the proxy's motion that it resists. */
-typedef struct coupling {
-    int32_t moving, first, columns; /* columns: 1 for jaws, which turn about their axis */
-    const double *axis;
-    pliant_contact_body *piece;
-    double load, compliance, before[2]; /* before: load and compliance at the last change */
-} coupling;
+static pliant_contact_body *body_of(const pliant_contact_problem *contacts, const pliant_coupling *of)
+{
+    return contacts->pieces->proxy + (-1 - contacts->moving[of->moving]);
+}
+
+/* Return the compliance of a coupling's body along the coupling. */
+static double compliance_along(const pliant_contact_problem *contacts, const pliant_coupling *of)
+{
+    const double *compliance = body_of(contacts, of)->compliance + 7 * of->first;
+    return of->num_columns == 1 ? compliance[0] + compliance[7] + compliance[14] : compliance[0];
+}
+
+static void set_compliance(const pliant_contact_problem *contacts, const pliant_coupling *of, double wanted)
+{
+    pliant_coupling_soften_body(of, wanted - compliance_along(contacts, of), body_of(contacts, of));
+}
 
 /* Compute the motion of a point along the coupling's columns (3 x 3, row by row). */
-static void find_columns(const pliant_contact_problem *contacts, int32_t c, const coupling *of, double out[9])
+static void find_columns(const pliant_contact_problem *contacts, int32_t c, const pliant_coupling *of, double out[9])
 {
     double rows[18];
     memset(out, 0, 9 * sizeof *out);
@@ -157,148 +167,79 @@ static void find_columns(const pliant_contact_problem *contacts, int32_t c, cons
         pliant_arm_rows(contacts->arm + a, contacts->frame + 9 * (size_t)c, rows);
         for (int r = 0; r < 3; r++)
             for (int d = 0; d < 3; d++)
-                out[3 * r + (of->columns == 3 ? d : 0)] +=
-                    rows[6 * r + of->first + d] * (of->columns == 3 ? 1 : of->axis[d]);
+                out[3 * r + (of->num_columns == 3 ? d : 0)] +=
+                    rows[6 * r + of->first + d] * (of->num_columns == 3 ? 1 : of->axis[d]);
     }
 }
 
-/* Compute the load of a coupling under the forces of the last cone solve. Return its magnitude. */
-static double find_load(const pliant_contact_problem *contacts, const double *columns, double load[3])
+/* Add one coupling of a moving body. kind: 0: force; 1: torque; 2: torque of the jaws */
+static void add_coupling(pliant_contact_problem *contacts, int32_t moving, int kind, const pliant_touch_limit *limit)
 {
-    memset(load, 0, 3 * sizeof *load);
-    for (int32_t c = 0; c < contacts->count; c++)
-        for (int i = 0; i < 9; i++) load[i % 3] += columns[9 * (size_t)c + (size_t)i] * contacts->force[3 * c + i / 3];
-    return sqrt(load[0] * load[0] + load[1] * load[1] + load[2] * load[2]);
+    pliant_coupling *of = contacts->coupling + contacts->num_couplings++;
+    *of = (pliant_coupling){.moving = moving,
+                            .first = kind == 0 ? 0 : 3,
+                            .num_columns = kind == 2 ? 1 : 3,
+                            .limit = limit->load,
+                            .own = limit->compliance};
+    memcpy(of->axis, limit->axis, sizeof of->axis);
 }
 
-static void soften_body(const coupling *of, double by)
+pliant_status pliant_contact_problem_list_couplings(pliant_contact_problem *contacts)
 {
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            of->piece->compliance[6 * (of->first + r) + of->first + c] +=
-                by * (of->columns == 3 ? r == c : of->axis[r] * of->axis[c]);
-}
-
-/* Add a compliance to a coupling, to A, and to the motions under the present forces. */
-static void soften(pliant_contact_problem *contacts, int num_tools, coupling *of, const double *columns,
-                   const double load[3], double by)
-{
-    const size_t row = 3 * (size_t)(contacts->count + num_tools);
-    soften_body(of, by);
-    for (size_t a = 0; a < 3 * (size_t)contacts->count; a++) {
-        const double *mine = columns + 3 * a;
-        contacts->motion[a] += by * (mine[0] * load[0] + mine[1] * load[1] + mine[2] * load[2]);
-        for (size_t b = 0; b < 3 * (size_t)contacts->count; b++) {
-            const double *other = columns + 3 * b;
-            contacts->matrix[a * row + b] += by * (mine[0] * other[0] + mine[1] * other[1] + mine[2] * other[2]);
-        }
-    }
-}
-
-/* Return the error of a coupling's load relative to its limit; 0: the coupling is below its limit, with its own
- * compliance. */
-static double measure(const pliant_contact_problem *contacts, const pliant_touch_limit *limit, coupling *of)
-{
-    const double rounding = 1e-12;
-    double *columns = contacts->sweeps, load[3]; /* a buffer of the cone solver */
-    for (int32_t c = 0; c < contacts->count; c++) find_columns(contacts, c, of, columns + 9 * (size_t)c);
-    of->load = find_load(contacts, columns, load);
-    const double error = of->load / limit->load - 1;
-    return error > 0 || of->compliance > limit->compliance * (1 + rounding) ? fabs(error) : 0;
-}
-
-/* Adapt the compliance of a coupling to its limit. The compliances of coupling and tissue together, times the load,
- * give the distance to the target, which is constant.
- * @param again this coupling alone has changed since its last call */
-static void apply_limit(pliant_contact_problem *contacts, int num_tools, const pliant_touch_limit *limit, coupling *of,
-                        bool again, double *tissue_compliance)
-{
-    double *columns = contacts->sweeps, load[3]; /* a buffer of the cone solver */
-    for (int32_t c = 0; c < contacts->count; c++) find_columns(contacts, c, of, columns + 9 * (size_t)c);
-    of->load = find_load(contacts, columns, load);
-    const double found = (of->load * of->compliance - of->before[0] * of->before[1]) / (of->before[0] - of->load);
-    if (again && isfinite(found) && found > 0) *tissue_compliance = found;
-    const double wanted =
-        fmax(limit->compliance, (of->compliance + *tissue_compliance) * of->load / limit->load - *tissue_compliance);
-    of->before[0] = of->load;
-    of->before[1] = of->compliance;
-    if (!isfinite(wanted)) return;
-    soften(contacts, num_tools, of, columns, load, wanted - of->compliance);
-    of->compliance = wanted;
-}
-
-static coupling coupling_of(const pliant_contact_problem *contacts, int32_t moving, int kind,
-                            const pliant_touch_limit *limit)
-{
-    coupling of = {.moving = moving, .first = kind == 0 ? 0 : 3, .columns = kind == 2 ? 1 : 3, .axis = limit->axis};
-    of.piece = contacts->pieces->proxy + (-1 - contacts->moving[moving]);
-    const double *compliance = of.piece->compliance + 7 * of.first;
-    of.compliance = kind == 2 ? compliance[0] + compliance[7] + compliance[14] : compliance[0];
-    return of;
-}
-
-/* List the couplings of all tools that touch. index: of their limits. Return their number. */
-static int list_couplings(const pliant_contact_problem *contacts, coupling *of, int *index)
-{
-    int count = 0;
-    for (int32_t m = 0; contacts->pieces && contacts->pieces->limit && m < contacts->num_moving; m++) {
+    const pliant_contact_bodies *pieces = contacts->pieces;
+    contacts->num_couplings = 0;
+    for (int32_t m = 0; pieces && pieces->limit && m < contacts->num_moving; m++) {
         const int body = -1 - contacts->moving[m];
-        if (body < 0) continue;
-        for (int kind = body % 2 ? 2 : 0; kind < (body % 2 ? 3 : 2); kind++) {
-            index[count] = 3 * (body / 2) + kind;
-            of[count] = coupling_of(contacts, m, kind, contacts->pieces->limit + index[count]);
-            count++;
-        }
+        for (int kind = body % 2 ? 2 : 0; body >= 0 && kind < (body % 2 ? 3 : 2); kind++)
+            add_coupling(contacts, m, kind, pieces->limit + 3 * (body / 2) + kind);
     }
-    return count;
+    const size_t points = (size_t)contacts->count, numbers = 9 * points * (size_t)contacts->num_couplings;
+    if (numbers > contacts->columns_capacity) {
+        if (!pliant_grow(&contacts->columns, 2 * numbers, sizeof *contacts->columns))
+            return pliant_fail_memory("contact");
+        contacts->columns_capacity = 2 * numbers;
+    }
+    for (size_t i = 0; i < points * (size_t)contacts->num_couplings; i++)
+        find_columns(contacts, (int32_t)(i % points), contacts->coupling + i / points, contacts->columns + 9 * i);
+    return PLIANT_OK;
 }
 
-bool pliant_contact_problem_is_near_limit(const pliant_contact_problem *contacts)
+void pliant_contact_problem_begin_couplings(pliant_contact_problem *contacts)
 {
-    coupling of[3 * PLIANT_MAX_TOOLS];
-    int index[3 * PLIANT_MAX_TOOLS];
-    const int count = list_couplings(contacts, of, index);
-    for (int n = 0; n < count; n++)
-        if (contacts->pieces->limit[index[n]].is_near) return true;
-    return false;
+    for (int32_t n = 0; n < contacts->num_couplings; n++) {
+        pliant_coupling *of = contacts->coupling + n;
+        of->compliance = of->taken = of->found = compliance_along(contacts, of);
+    }
+}
+
+void pliant_contact_problem_set_couplings(pliant_contact_problem *contacts)
+{
+    for (int32_t n = 0; n < contacts->num_couplings; n++)
+        set_compliance(contacts, contacts->coupling + n, contacts->coupling[n].compliance);
 }
 
 void pliant_contact_problem_restore_couplings(pliant_contact_problem *contacts)
 {
-    coupling of[3 * PLIANT_MAX_TOOLS];
-    int index[3 * PLIANT_MAX_TOOLS];
-    const int count = list_couplings(contacts, of, index);
-    for (int n = 0; n < count; n++) {
-        const double taken = contacts->taken.compliance[index[n]];
-        if (taken > 0) soften_body(of + n, taken - of[n].compliance);
-    }
+    for (int32_t n = 0; n < contacts->num_couplings; n++)
+        contacts->coupling[n].compliance = contacts->coupling[n].taken;
+    pliant_contact_problem_set_couplings(contacts);
 }
 
-/* One coupling changes at a time, because couplings of tools that press against each other have the same load. Each
- * coupling that changes allows four more passes. */
 void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int num_tools, double *resistance)
 {
-    coupling of[3 * PLIANT_MAX_TOOLS];
-    int index[3 * PLIANT_MAX_TOOLS];
-    const int count = list_couplings(contacts, of, index);
-    bool has_changed[3 * PLIANT_MAX_TOOLS] = {false};
-    for (int pass = 0, last = -1, most = 4; pass < most; pass++) {
-        const double nearly = 1e-6;
-        double maximum = nearly;
-        int worst = -1;
-        for (int n = 0; n < count; n++) {
-            const double error = measure(contacts, contacts->pieces->limit + index[n], of + n);
-            if (error > maximum) worst = n;
-            if (error > maximum) maximum = error;
-        }
-        if (worst < 0) break;
-        if (pass > 0 && !has_changed[worst]) most += 4;
-        has_changed[worst] = true;
-        apply_limit(contacts, num_tools, contacts->pieces->limit + index[worst], of + worst, worst == last,
-                    contacts->tissue_compliance + index[worst]);
-        last = worst;
+    const pliant_team team = {.size = 1};
+    const pliant_cones cones = {
+        .count = contacts->count + num_tools, .motion = contacts->motion, .force = contacts->force, .wide = &team};
+    pliant_couplings limits = {.count = contacts->num_couplings,
+                               .points = contacts->count,
+                               .coupling = contacts->coupling,
+                               .columns = contacts->columns,
+                               .matrix = contacts->matrix};
+    pliant_couplings_begin(&team, &limits);
+    while (pliant_couplings_adapt(&team, &cones, &limits))
         pliant_cones_solve(contacts->count + num_tools, contacts->matrix, contacts->friction, contacts->motion,
                            contacts->force, resistance, contacts->sweeps);
-    }
-    for (int n = 0; n < count; n++) contacts->found.compliance[index[n]] = of[n].compliance;
+    for (int32_t n = 0; n < contacts->num_couplings; n++)
+        contacts->coupling[n].found = contacts->coupling[n].compliance;
+    pliant_contact_problem_set_couplings(contacts);
 }

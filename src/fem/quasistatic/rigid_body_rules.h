@@ -3,6 +3,7 @@
 #define PLIANT_FEM_QUASISTATIC_RIGID_BODY_RULES_H
 
 #include "base/inline.h"
+#include "contact/solve/coupling_rules.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -70,6 +71,15 @@ PLIANT_INLINE double pliant_body_motion(const pliant_contact_body *piece, const 
     double moved = piece->free[k];
     for (int l = 0; l < 6; l++) moved += piece->compliance[6 * k + l] * load[l];
     return moved;
+}
+
+/* Add a compliance to a body along a coupling. */
+PLIANT_INLINE void pliant_coupling_soften_body(const pliant_coupling *of, double by, pliant_contact_body *body)
+{
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            body->compliance[6 * (of->first + r) + of->first + c] +=
+                by * (of->num_columns == 3 ? r == c : of->axis[r] * of->axis[c]);
 }
 
 /* Add the nonlinear part of a point's motion under the estimated rotation w: (R(w) - I - [w]) r, by Rodrigues'

@@ -175,7 +175,6 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
     limit[0] = (pliant_touch_limit){.load = maximum, .compliance = least[0]};
     limit[1] = (pliant_touch_limit){.load = lever, .compliance = least[1]};
     limit[2] = (pliant_touch_limit){.load = scene->contact.grip_torque, .compliance = least[2]};
-    for (int k = 0; k < 3; k++) limit[k].is_near = loads[k] > model->contact.soft_begin * limit[k].load;
     memset(out, 0, 2 * sizeof *out);
     for (int k = 0; k < 6; k++) out[0].compliance[7 * k] = k < 3 ? shift : turn;
     pliant_tool_joint(tool, goal, out[1].centre, axis);
