@@ -270,14 +270,14 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **buf
     return status;
 }
 
-/* Report the area of the faces that the tetrahedra no longer share. */
+/* Report the area of the faces that the tetrahedra no longer share. In a trial, they would not share severed faces. */
 static void report_separated_faces(const cut_splitting *work, const face_list *list, const pliant_cut_sweep *sweep,
                                    pliant_cut_report *report)
 {
     for (int32_t f = 0; f < list->count; f++) {
         const int32_t *side = list->faces[f].side, *a = work->corners + 4 * (size_t)(side[0] / 4),
                       *b = work->corners + 4 * (size_t)(side[1] / 4);
-        if (pliant_split_opposite(a, side[0] % 4, b) >= 0) continue;
+        if (work->is_trial ? !work->severed[side[0]] : pliant_split_opposite(a, side[0] % 4, b) >= 0) continue;
         if (sweep->material_of_voxel) {
             pliant_split_report_voxels(work, side[0], sweep->material_of_voxel, list->faces[f].area, report);
             continue;
@@ -298,7 +298,8 @@ static pliant_status sever_faces(cut_splitting *work, face_list *list)
         if (status != PLIANT_OK || list->count == 0) return status;
         memset(work->severed, 0, 4 * (size_t)work->num_tets * sizeof *work->severed);
         status = sever(work, list);
-        if (status == PLIANT_OK && work->opens_faces) status = pliant_split_open_faces(work, &again);
+        if (status == PLIANT_OK && work->has_border[CUT_END] && !work->is_trial)
+            status = pliant_split_open_faces(work, &again);
     }
     return status;
 }
@@ -311,7 +312,7 @@ pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sw
         for (int d = 0; d < 3; d++) work->normal[d] += work->strip->triangles[n].normal[d];
     pliant_status status = sever_faces(work, &list);
     const int32_t nodes = work->first_copy = work->num_nodes;
-    for (int32_t n = 0; n < nodes && list.count > 0 && status == PLIANT_OK; n++)
+    for (int32_t n = 0; n < nodes && list.count > 0 && !work->is_trial && status == PLIANT_OK; n++)
         if (work->on[n] & CUT_PASSED) status = split_node(work, n, &buffer, &buffer_size);
     if (status == PLIANT_OK) report_separated_faces(work, &list, sweep, report);
     pliant_free(list.faces);

@@ -120,7 +120,7 @@ static pliant_status subdivide(cut_splitting *work, uint64_t revision, const pli
     const pliant_mesh *fine = &work->body->fine;
     work->has_border[CUT_BEGINNING] = !restore_marks(work, sweep);
     work->has_border[CUT_END] = sweep->stroke == 0 || sweep->ends;
-    work->opens_faces = work->has_border[CUT_END] && (out || sweep->stroke == 0);
+    work->is_trial = !out;
     work->has_border[CUT_FIRST_SIDE] = work->has_border[CUT_LAST_SIDE] = true;
     pliant_status status = pliant_split_edges(work);
     if (status == PLIANT_OK) status = pliant_split_trim(work);

@@ -22,8 +22,7 @@ typedef struct cut_splitting {
     const pliant_cut_sweep *sweep;
     const cut_strip *strip;
     bool has_border[CUT_NUM_BORDERS]; /* whether the swept surface ends there */
-    bool opens_faces;                 /* bisect edges of closed faces. Not to find the area ahead of a blade, where
-                                         faces behind it would count */
+    bool is_trial;                 /* only find the area of the severed faces, and copy no nodes */
     double normal[3];              /* sum of the normals of the strip's triangles */
     double slack;                  /* [m] */
     double min_height;             /* minimum height of a tetrahedron [m] */

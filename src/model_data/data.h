@@ -49,6 +49,7 @@ typedef struct pliant_blade {
     double drag_displacement[3];       /* motion since then, perpendicular to the edge [m] */
     double moved[3], force[3]; /* motion of the middle in the last step [m]; force in the step before [N] */
     double work;           /* work of the blade minus the energy of its cuts since it entered tissue [J] */
+    double pending;        /* energy of its cuts that has been charged to `work` before they separate [J] */
     double free_tissue_force[3];     /* cutting force while tissue is free [N] */
     /* OUTPUT. */
     double engaged_length, severed_area; /* [m]; rest area since load [m^2] */

@@ -237,7 +237,7 @@ void pliant_blade_end_stroke(pliant_tool *tool)
     blade->is_in_stroke = blade->failed = blade->is_ending = false;
     memset(blade->rotation, 0, sizeof blade->rotation); /* the blade has no previous pose */
     memset(blade->direction, 0, sizeof blade->direction);
-    blade->engaged_length = 0;
+    blade->engaged_length = blade->pending = 0;
 }
 
 void pliant_blade_reset(pliant_tool *tool)

@@ -138,31 +138,38 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
     EXPECT_EQ(slab.logged, "");
 }
 
-// Blades that end in the tissue, at their tip and at the end of their stroke. Faces that separate when the blade is
-// switched off take no work. The last drag may have cut nothing yet.
+// Blades that end in the tissue, at their tip and at the end of their stroke. The last drag has cut nothing yet: the
+// tissue takes its elastic energy.
 TEST_P(EveryKind, AStrokeThatEndsInTheTissueTakesTheWorkOfItsAreaOnce)
 {
     const double end = 0.0103;
-    double work = 0, area = 0, swept = 0, unpaid = 0, dragged = 0;
+    double work = 0, area = 0, swept = 0, dragged = 0, minimum = 1, maximum = 1;
     for (int n = 0; n < 8; n++) {
         const double reach = 0.011 + 0.001 * n;
         Slab slab(GetParam());
         const double from[3] = {0, -0.02, 0}, to[3] = {0, reach - 0.012, 0};
         ASSERT_EQ(pliant_tool_set_blade(slab.data, slab.tool, from, to), PLIANT_OK);
-        slab.stroke(0.0385 + 0.0005 * n, 0.034, end, 0.02, nullptr, &work);
-        const double paid = slab.state().severed_area;
+        double once = 0, square = 0;
+        slab.stroke(0.0385 + 0.0005 * n, 0.034, end, 0.02, nullptr, &once);
+        for (int s = 0; s < 10; s++) slab.step(); // at rest: tissue that has slipped is cut
+        const pliant_blade &blade = slab.data->tools[slab.tool].blade;
+        for (double along : blade.drag_displacement) square += along * along;
+        const double energy = blade.is_dragging ? 0.5 * blade.stiffness * square : 0;
         slab.cutting(false);
         slab.step();
-        area += slab.state().severed_area;
-        unpaid += slab.state().severed_area - paid;
+        const double severed = slab.state().severed_area, ratio = (once - energy) / (toughness * severed);
+        minimum = std::min(minimum, ratio);
+        maximum = std::max(maximum, ratio);
+        work += once;
+        dragged += energy;
+        area += severed;
         swept += reach * (height - end);
-        dragged += reach * slab.model->scene.cut.drag;
     }
     if (std::getenv("PLIANT_FIGURES"))
-        std::printf("area %.3f of the swept area, %.3f of it unpaid; work %.3f of toughness times area\n", area / swept,
-                    unpaid / area, work / (toughness * area));
-    EXPECT_GE(work, toughness * (area - unpaid));
-    EXPECT_LE(work, toughness * (area + dragged));
+        std::printf("area %.3f of the swept area; work %.3f of toughness times area, without the last drags %.3f "
+                    "(%.3f to %.3f)\n",
+                    area / swept, work / (toughness * area), (work - dragged) / (toughness * area), minimum, maximum);
+    EXPECT_NEAR(work, toughness * area + dragged, 0.05 * toughness * area);
 }
 
 // Steps move the blade by a third of `cut/drag` and more: strokes from several heights through undamaged tissue.
@@ -270,6 +277,36 @@ TEST_P(EveryKind, TheSameStrokeTwiceCutsNothingMoreAndIsNotFelt)
     EXPECT_LT(*std::max_element(forces.begin(), forces.end()), 0.01 * toughness * width);
 }
 
+// Into the tissue, back along the same path while cutting, and forward to the same depth.
+TEST_P(EveryKind, ABladeThatIsPulledBackCutsNothingMoreAndIsNotFelt)
+{
+    const double reach = 0.0145, end = 0.0103, way = 0.0004;
+    Slab slab(GetParam());
+    const double from[3] = {0, -0.02, 0}, to[3] = {0, reach - 0.012, 0};
+    ASSERT_EQ(pliant_tool_set_blade(slab.data, slab.tool, from, to), PLIANT_OK);
+    slab.stroke(0.0405, 0.034, end, 0.02);
+    double z = end, area = 0;
+    for (int s = 0; s < 50; s++) {
+        slab.place(0.0405, z += way);
+        slab.step();
+        if (s == 3) area = slab.state().severed_area; // the last drag has ended
+        if (s >= 3) EXPECT_LT(std::fabs(slab.state().force[2]), 0.01 * toughness * reach) << z;
+    }
+    EXPECT_NEAR(area, reach * (height - end), 0.1 * reach * (height - end));
+    EXPECT_EQ(slab.state().severed_area, area);
+    while (z > end) {
+        slab.place(0.0405, z -= way);
+        slab.step();
+    }
+    slab.cutting(false);
+    slab.step();
+    if (std::getenv("PLIANT_FIGURES"))
+        std::printf("area %.4f of the swept area, %.4f of it severed later\n", area / (reach * (height - end)),
+                    slab.state().severed_area / area - 1);
+    EXPECT_NEAR(slab.state().severed_area, area, 0.01 * area);
+    EXPECT_EQ(slab.state().pieces, 1);
+}
+
 TEST_P(EveryKind, TheSamePosesGiveTheSameBitsAndUndoAndResetHeal)
 {
     Slab one(GetParam()), other(GetParam());
@@ -301,6 +338,28 @@ TEST_P(EveryKind, TheSamePosesGiveTheSameBitsAndUndoAndResetHeal)
     EXPECT_EQ(other.data->body, other.model->body);
     EXPECT_EQ(other.state().severed_area, 0);
     EXPECT_EQ(pliant_data_undo_cut(other.model, other.data), PLIANT_ERROR_ARGUMENT);
+}
+
+TEST_P(EveryKind, ASavedStrokeContinuesWithTheSameBits)
+{
+    Slab slab(GetParam());
+    const double end = 0.0173;
+    slab.stroke(0.0405, 0.034, end, 0.02);
+    pliant_state *state = nullptr;
+    ASSERT_EQ(pliant_state_create(&state), PLIANT_OK);
+    ASSERT_EQ(pliant_state_save(slab.model, slab.data, state), PLIANT_OK);
+    std::vector<double> forces[2];
+    for (auto &each : forces) {
+        ASSERT_EQ(pliant_state_restore(slab.model, slab.data, state), PLIANT_OK) << pliant_last_error();
+        for (double z = end; z > -0.003; z -= 0.0004) {
+            slab.place(0.0405, z);
+            slab.step();
+            each.push_back(slab.state().force[2]);
+        }
+        EXPECT_EQ(slab.state().pieces, 2);
+    }
+    EXPECT_EQ(forces[0], forces[1]);
+    pliant_state_free(state);
 }
 
 std::string name_of(const testing::TestParamInfo<Kind> &info) { return info.param.name; }

@@ -8,8 +8,9 @@
  * With k = 2 toughness width / drag the force is a saw-tooth of length `drag`, as Chanthasopeephan measured in liver
  * (Ann Biomed Eng 31:1372, 2003). Its mean is toughness times width.
  *
- * One account, blade->work, holds for all engines: the work of the blade's force minus toughness times severed area
- * (account, part). No part of it is discarded while the blade is in tissue, so a stroke takes toughness times area.
+ * One account, blade->work, holds for all engines: the work of the blade's force minus toughness times swept area
+ * (part, charge_pending). No part of it is discarded while the blade is in tissue, so a stroke takes toughness times
+ * area.
  * While free tissue is cut, there is no drag, and the force balances the account (set_free_tissue_force). Tissue is
  * free if the blade moves by a large part of `drag` in one step, and if inertia delays the return of the tissue. */
 #include "base/fail.h"
@@ -34,33 +35,48 @@ typedef struct knife {
     pliant_tool *tool;
     pliant_tool_pose pose;     /* where the blade is in this step (pliant_blade_pose) */
     double min_edge, max_edge; /* smallest and largest voxel edge [m] */
-    double ahead;              /* distance ahead of a blade in which tissue resists: a voxel or a tetrahedron [m] */
+    /* Distance ahead of a blade in which tissue resists [m]: a voxel. Subdivision moves the ends of cuts by up to its
+     * minimum edge, so a shorter distance may contain no area. */
+    double ahead;
 } knife;
 
 /* Return the distance that tissue is dragged before it is cut [m]. */
 static double reach_of(const knife *work) { return fmax(work->model->scene.cut.drag, work->max_edge); }
 
-static void log_failure(const knife *work)
+/* Log a failure once. Return false. */
+static bool log_failure(const knife *work)
 {
     if (!work->tool->blade.failed)
         pliant_log(PLIANT_LOG_WARNING, "tool %s does not cut: %s; the tissue does not change", work->tool->name,
                    pliant_last_error());
     work->tool->blade.failed = true;
+    return false;
 }
 
 static double longest_distance(const pliant_edge *edge)
 {
     double longest = 0;
-    for (int32_t p = 0; p < edge->count; p++) {
-        double motion[3] = {edge->now[3 * p] - edge->place[3 * p], edge->now[3 * p + 1] - edge->place[3 * p + 1],
-                         edge->now[3 * p + 2] - edge->place[3 * p + 2]};
-        longest = fmax(longest, pliant_length3(motion));
-    }
+    for (int32_t p = 0; p < edge->count; p++)
+        longest = fmax(longest, pliant_distance3(edge->now + 3 * p, edge->place + 3 * p));
     return longest;
 }
 
+/* Compute the displacement of the edge's middle from a previous position, without the part along the edge [m]. Return
+ * its length. */
+static double displacement_from(const pliant_edge *edge, const double middle[3], double out[3])
+{
+    double along[3];
+    for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
+    pliant_normalize3(along);
+    pliant_blade_middle(edge, edge->now, out);
+    for (int d = 0; d < 3; d++) out[d] -= middle[d];
+    const double slide = pliant_dot3(out, along);
+    for (int d = 0; d < 3; d++) out[d] -= slide * along[d];
+    return pliant_length3(out);
+}
+
 /* Move points by a distance along their direction from the cut's end to the blade. While the blade drags, all points
- * use the drag direction [m]. */
+ * use the drag direction. A blade at rest keeps its direction [m]. */
 static void extend(const pliant_blade *blade, const double *points, double by, double *out)
 {
     const pliant_edge *edge = &blade->edge;
@@ -69,7 +85,7 @@ static void extend(const pliant_blade *blade, const double *points, double by, d
     for (int32_t p = 0; p < edge->count; p++) {
         double motion[3];
         for (int d = 0; d < 3; d++) motion[d] = together ? common[d] : edge->now[3 * p + d] - edge->place[3 * p + d];
-        pliant_normalize3(motion);
+        if (!(pliant_normalize3(motion) > 0)) memcpy(motion, blade->direction, sizeof motion);
         for (int d = 0; d < 3; d++) out[3 * p + d] = points[3 * p + d] + by * motion[d];
     }
 }
@@ -121,27 +137,92 @@ static double energy_of(const knife *work, const pliant_cut_report *report)
     return work->model->scene.cut.resistance * energy;
 }
 
-/* Cut the tissue between two positions of the edge's points, and charge the account for the severed area. On an error
- * return false and change nothing. */
-static bool part(const knife *work, const double *from, const double *to, bool ends)
+static pliant_cut_sweep sweep_of(const knife *work, const double *from, const double *to, bool ends)
 {
-    pliant_cut_report cut = {0}, *report = &cut;
-    pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count,
+    return (pliant_cut_sweep){.count = work->tool->blade.edge.count,
                               .from = from,
                               .to = to,
                               .material_of_voxel = work->model->material_of_voxel,
                               .blade = (uint32_t)work->index,
                               .stroke = (uint32_t)work->tool->blade.stroke,
                               .ends = ends};
+}
+
+/* Compute the report of a sweep after which the cut would end, and change nothing. Return false on an error. */
+static bool probe(const knife *work, const double *from, const double *to, pliant_cut_report *report)
+{
+    const pliant_data *data = work->data;
+    const pliant_cut_sweep sweep = sweep_of(work, from, to, true);
+    return pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, NULL, report) == PLIANT_OK ||
+           log_failure(work);
+}
+
+/* Compute the start of the short sweep in which a cut ends, in `swept`. It has no area if the stroke has cut nothing.
+ * end: positions of the edge's points */
+static void step_back(const knife *work, const double *end)
+{
+    const pliant_blade *blade = &work->tool->blade;
+    for (int32_t p = 0; p < blade->edge.count; p++)
+        for (int d = 0; d < 3; d++)
+            blade->edge.swept[3 * p + d] = end[3 * p + d] - overlap_distance * work->min_edge * blade->direction[d];
+}
+
+/* Cut the tissue between two positions of the edge's points, and charge the account for the severed area. On an error
+ * return false and change nothing. */
+static bool part(const knife *work, const double *from, const double *to, bool ends)
+{
+    pliant_blade *blade = &work->tool->blade;
+    pliant_cut_report report = {0};
+    const pliant_cut_sweep sweep = sweep_of(work, from, to, ends);
     const uint64_t before = work->data->body->revision;
-    if (pliant_data_cut_along_sweep(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
-        log_failure(work);
-        return false;
-    }
+    if (pliant_data_cut_along_sweep(work->model, work->data, work->index, &sweep, &report) != PLIANT_OK)
+        return log_failure(work);
     if (work->data->body->revision == before) return true;
-    work->tool->blade.work -= energy_of(work, report);
-    work->tool->blade.severed_area += report->area;
-    work->tool->blade.pieces = report->pieces;
+    blade->work -= energy_of(work, &report);
+    blade->severed_area += report.area;
+    blade->pieces = report.pieces;
+    return true;
+}
+
+/* Charge the account for the swept area that has not separated yet: the area that would separate if the cut ended
+ * here. The previous charge is credited, because its area has separated since, or is charged again. */
+static void charge_pending(const knife *work)
+{
+    pliant_blade *blade = &work->tool->blade;
+    pliant_cut_report report = {0};
+    if (!work->data->body->subdivision || !(work->model->scene.cut.resistance > 0)) return;
+    step_back(work, blade->edge.place);
+    if (!probe(work, blade->edge.swept, blade->edge.place, &report)) return;
+    blade->work += blade->pending;
+    blade->pending = energy_of(work, &report);
+    blade->work -= blade->pending;
+}
+
+/* Cut the faces in which the cut ends: a short sweep up to its end. Return false on an error. */
+static bool end_cut(const knife *work)
+{
+    pliant_edge *edge = &work->tool->blade.edge;
+    step_back(work, edge->place);
+    return part(work, edge->swept, edge->place, true);
+}
+
+static void end_stroke(const knife *work)
+{
+    pliant_blade_move_with_tissue(work->data, &work->tool->blade.edge);
+    end_cut(work);
+    pliant_blade_end_stroke(work->tool);
+}
+
+/* Update the blade's direction. If the blade turns back, the cut ends in front of it. Return false on an error. */
+static bool turn(const knife *work)
+{
+    pliant_blade *blade = &work->tool->blade;
+    double middle[3], motion[3];
+    pliant_blade_middle(&blade->edge, blade->edge.place, middle);
+    if (displacement_from(&blade->edge, middle, motion) <= min_motion * work->min_edge) return true;
+    if (work->data->body->subdivision && pliant_dot3(motion, blade->direction) < 0 && !end_cut(work)) return false;
+    pliant_normalize3(motion);
+    memcpy(blade->direction, motion, sizeof motion);
     return true;
 }
 
@@ -150,30 +231,13 @@ static bool cut_to_blade(const knife *work)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
-    double middle[3];
-    pliant_blade_middle(edge, edge->place, middle);
-    pliant_blade_middle(edge, edge->now, blade->direction);
-    for (int d = 0; d < 3; d++) blade->direction[d] -= middle[d];
-    pliant_normalize3(blade->direction);
+    if (!turn(work)) return false;
     extend(blade, edge->place, -overlap_distance * work->min_edge, edge->swept);
     if (!part(work, edge->swept, edge->now, leaves_tissue(work))) return false;
     pliant_blade_set_edge(work->data, edge);
     pliant_blade_middle(edge, edge->now, blade->cut_end);
+    charge_pending(work);
     return true;
-}
-
-/* Cut the faces in which the stroke ends: a short sweep up to the cut's end. A stroke that has cut nothing has no
- * direction. */
-static void end_stroke(const knife *work)
-{
-    pliant_blade *blade = &work->tool->blade;
-    pliant_edge *edge = &blade->edge;
-    pliant_blade_move_with_tissue(work->data, edge);
-    for (int32_t p = 0; p < edge->count; p++)
-        for (int d = 0; d < 3; d++)
-            edge->swept[3 * p + d] = edge->place[3 * p + d] - overlap_distance * work->min_edge * blade->direction[d];
-    if (pliant_length3(blade->direction) > 0) part(work, edge->swept, edge->place, true);
-    pliant_blade_end_stroke(work->tool);
 }
 
 /* Cut without resistance. */
@@ -187,7 +251,7 @@ static void cut_freely(const knife *work)
 /* Resistance of the tissue ahead of a blade to a cut. */
 typedef struct resistance {
     double force;  /* force that cuts it [N]; 0: no tissue is ahead */
-    double energy; /* energy of its area up to one voxel ahead of the blade, after dragged tissue has returned [J] */
+    double energy; /* energy of its area up to `ahead` of the blade, after dragged tissue has returned [J] */
 } resistance;
 
 /* Return the distance from a previous position of the blade's middle to a row of the edge's points, along a unit vector
@@ -217,21 +281,11 @@ static bool find_resistance(const knife *work, resistance *out)
     pliant_edge *edge = &blade->edge;
     pliant_cut_report report = {0};
     extend(blade, edge->now, work->ahead + distance_dragged(blade), edge->swept);
-    pliant_cut_sweep sweep = {.count = edge->count,
-                              .from = edge->place,
-                              .to = edge->swept,
-                              .material_of_voxel = work->model->material_of_voxel,
-                              .blade = (uint32_t)work->index,
-                              .stroke = (uint32_t)blade->stroke,
-                              .ends = true};
-    if (pliant_body_cut(work->data->body, work->data->last_revision + 1, work->data->positions, &sweep, NULL,
-                        &report) != PLIANT_OK) {
-        log_failure(work);
-        return false;
-    }
-    const double width = pliant_blade_length(blade) / edge->count * fmax(count_in_tissue(work), 1);
-    out->energy = energy_of(work, &report);
-    out->force = report.area > 0 ? out->energy * fmin(width / report.area, 1 / work->ahead) : 0;
+    if (!probe(work, edge->place, edge->swept, &report)) return false;
+    const double total = energy_of(work, &report),
+                 width = pliant_blade_length(blade) / edge->count * fmax(count_in_tissue(work), 1);
+    out->energy = fmax(total - blade->pending, 0);
+    out->force = out->energy > 0 ? fmin(total * (width / report.area), out->energy * (1 / work->max_edge)) : 0;
     return true;
 }
 
@@ -261,18 +315,9 @@ static void add_blade_work(pliant_tool *tool)
     memcpy(blade->force, tool->force, sizeof blade->force);
 }
 
-/* Compute the blade's displacement since the drag began, without the part along the edge. */
 static void find_drag_displacement(pliant_tool *tool)
 {
-    pliant_blade *blade = &tool->blade;
-    const pliant_edge *edge = &blade->edge;
-    double along[3], middle[3];
-    for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
-    pliant_normalize3(along);
-    pliant_blade_middle(edge, edge->now, middle);
-    for (int d = 0; d < 3; d++) middle[d] -= blade->anchor[d];
-    const double slide = pliant_dot3(middle, along);
-    for (int d = 0; d < 3; d++) blade->drag_displacement[d] = middle[d] - slide * along[d];
+    displacement_from(&tool->blade.edge, tool->blade.anchor, tool->blade.drag_displacement);
 }
 
 /* Update the spring from the dragged tissue to the blade. `reattach`: attach it to the tissue that the edge is in. */
@@ -326,14 +371,8 @@ static bool is_returning(const knife *work)
  * is the blade at the end of the step. */
 static bool moves_far(const knife *work, const double last[3])
 {
-    const pliant_edge *edge = &work->tool->blade.edge;
-    double along[3], motion[3];
-    for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
-    pliant_normalize3(along);
-    pliant_blade_middle(edge, edge->now, motion);
-    for (int d = 0; d < 3; d++) motion[d] -= last[d];
-    const double slide = pliant_dot3(motion, along);
-    return sqrt(fmax(pliant_dot3(motion, motion) - slide * slide, 0)) >
+    double motion[3];
+    return displacement_from(&work->tool->blade.edge, last, motion) >
            work->model->contact.long_stroke * reach_of(work);
 }
 
@@ -417,10 +456,8 @@ static void move_against_resistance(const knife *work, const double last[3], boo
     if (ahead.force > 0 && !blade->is_dragging && !move_edge_outside_tissue(work, &reattach)) return;
     const int32_t inside = pliant_blade_num_inside(&blade->edge);
     if (ahead.force == 0 || inside == 0) {
-        /* The step that leaves the tissue pays the account, and in air there is no force. Subdivided tissue is severed
-         * some steps after the blade has left it, and is paid for then. */
-        const bool has_left =
-            ahead.force == 0 && inside == 0 && blade->engaged_length == 0 && !work->data->body->subdivision;
+        /* the step that leaves the tissue pays the account, and in air there is no force */
+        const bool has_left = ahead.force == 0 && inside == 0 && blade->engaged_length == 0;
         if (!blade->has_slipped || has_left || !set_free_tissue_force(work, 0, last)) cut_freely(work);
         return;
     }
@@ -541,16 +578,10 @@ static void cut_with(const knife *work)
     blade->engaged_length = count_in_tissue(work) * pliant_blade_length(blade) / blade->edge.count;
 }
 
-static double find_distance_ahead(const pliant_model *model)
-{
-    const pliant_mesh *fine = &model->body->fine;
-    const double *size = model->body->voxels ? model->scan->geometry.spacing : fine->cell_size;
-    return fmax(size[0], fmax(size[1], size[2]));
-}
-
 pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
 {
-    const double *size = model->scan->geometry.spacing;
+    const double *size = model->scan->geometry.spacing, max_edge = fmax(size[0], fmax(size[1], size[2]));
+    const pliant_subdivision *subdivision = model->body->subdivision;
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = data->tools + t;
         if (!(tool->blade.cutting || tool->blade.is_ending) || !tool->present) continue;
@@ -560,8 +591,8 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
                             .tool = tool,
                             .pose = pliant_blade_pose(tool),
                             .min_edge = fmin(size[0], fmin(size[1], size[2])),
-                            .max_edge = fmax(size[0], fmax(size[1], size[2])),
-                            .ahead = find_distance_ahead(model)};
+                            .max_edge = max_edge,
+                            .ahead = fmax(max_edge, subdivision ? 2 * subdivision->min_edge : 0)};
         if (tool->blade.is_ending) end_stroke(&work);
         else cut_with(&work);
     }

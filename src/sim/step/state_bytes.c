@@ -13,7 +13,7 @@
 #include <string.h>
 
 enum {
-    FORMAT = 6 /* increment when the meaning of the bytes changes; the header also stores the size of the struct */
+    FORMAT = 7 /* increment when the meaning of the bytes changes; the header also stores the size of the struct */
 };
 
 typedef struct header {
