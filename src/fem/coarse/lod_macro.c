@@ -4,6 +4,7 @@
 #include "fem/coarse/lod_macro.h"
 #include "fem/element/hexahedra.h"
 #include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>
@@ -32,20 +33,39 @@ static void leave_corners(lod_buffers *buffers, int32_t count, const int32_t *no
     for (int32_t c = 0; c < count; c++) buffers->slot[2 * node[c] + held[c]] = -1;
 }
 
-/* Fit F = sum of x_v g_v' to the cube's nodes by least squares: g_v = (sum of Y Y')^-1 Y_v, Y = X - C. */
-static void fit_frame(const pliant_mesh *mesh, const int32_t own[8], double gradient[24])
+/* Add the gradients of a fine element's corners, integrated over the element: corners x 3. Return its volume. Hexahedra
+ * have the same size, so 1 replaces their volume. */
+static double integrate_gradients(const lod_builder *lod, int32_t element, double out[24])
 {
-    double centre[3] = {0, 0, 0}, moment[9] = {0};
-    int count = 0;
-    for (int v = 0; v < 8; v++) count += own[v] >= 0;
-    for (int v = 0; v < 8; v++)
-        for (int d = 0; d < 3 && own[v] >= 0; d++) centre[d] += mesh->rest[3 * own[v] + d] / count;
-    for (int v = 0; v < 8; v++)
-        for (int d = 0; d < 3; d++) gradient[3 * v + d] = own[v] >= 0 ? mesh->rest[3 * own[v] + d] - centre[d] : 0;
-    for (int v = 0; v < 8; v++)
-        for (int m = 0; m < 9; m++) moment[m] += gradient[3 * v + m / 3] * gradient[3 * v + m % 3];
-    pliant_dense_cholesky(3, moment); /* succeeds, since the nodes include a coarse tetrahedron */
-    for (int v = 0; v < 8; v++) pliant_dense_cholesky_solve(3, moment, 1, gradient + 3 * v);
+    if (!lod->whole.macros) {
+        const double volume = pliant_mesh_gradients(lod->system->fine, element, out);
+        for (int m = 0; m < 12; m++) out[m] *= volume;
+        return volume;
+    }
+    memcpy(out, lod->whole.macros->gradient + 24 * (size_t)element, 24 * sizeof *out);
+    return 1;
+}
+
+/* Compute g_v in F = sum of x_v g_v', the mean of P's gradient in the tissue of a cube. In a cube with little tissue, a
+ * mean over all nodes would extrapolate: the tissue hardly moves the nodes that are far from it. */
+static void find_frame(const lod_builder *lod, int32_t cube, double gradient[24])
+{
+    double whole = 0;
+    for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
+        const int32_t *of_element;
+        double own[24];
+        const int corners = lod_element(lod, lod->elements[e], &of_element, NULL);
+        whole += integrate_gradients(lod, lod->elements[e], own);
+        for (int a = 0; a < corners; a++) {
+            int32_t nodes[LOD_MAX_WEIGHTS];
+            double weights[LOD_MAX_WEIGHTS];
+            const int count = lod_interpolation(lod, of_element[a], nodes, weights);
+            for (int v = 0; v < count; v++)
+                for (int d = 0; d < 3; d++)
+                    gradient[3 * lod_corner(lod, cube, nodes[v]) + d] += weights[v] * own[3 * a + d];
+        }
+    }
+    for (int m = 0; m < 24; m++) gradient[m] /= whole;
 }
 
 /* Make every free fine node follow the first cube that contains it. */
@@ -125,7 +145,7 @@ pliant_status lod_macros_create(lod_builder *lod)
     memcpy(macros->grounded, lod->grounded, (size_t)lod->count * sizeof *macros->grounded);
     memcpy(macros->own, lod->own, 8 * (size_t)lod->count * sizeof *macros->own);
     for (int32_t cube = 0; cube < lod->count; cube++)
-        fit_frame(system->mesh, macros->own + 8 * cube, macros->gradient + 24 * cube);
+        find_frame(lod, cube, macros->gradient + 24 * cube);
     list_followers(lod, macros);
     system->num_blocks = pliant_macros_blocks((size_t)lod->count, (size_t)macros->start[lod->count]);
     return PLIANT_OK;
