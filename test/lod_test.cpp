@@ -117,6 +117,87 @@ TEST_P(EveryKind, MatrixIsTheDerivativeOfTheForce)
     EXPECT_NEAR(system->mean_diagonal, sum, 1e-9 * sum);
 }
 
+// A block of three coarse cubes along each axis, with one fine cube of tissue in a fourth cube, in a strained state.
+struct StrainedBlock {
+    Body body{size, box, {{4000, 0.45, 950, false}, {1, 0, 1, true}},
+              [](int i, int j, int k) {
+                  const bool is_inside = i < 18 && j < 18 && k < 18,
+                             protrudes = i >= 18 && i < 21 && j < 3 && k >= 15 && k < 18;
+                  return is_inside || protrudes ? 0 : 1;
+              }};
+    std::vector<double> x;
+    void build()
+    {
+        prepare(body, PLIANT_LOD, 4, 2, 1);
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        const pliant_mesh &mesh = *body.model->system->mesh;
+        x.assign(mesh.rest, mesh.rest + 3 * mesh.num_nodes);
+        for (int32_t f = 0; f < 3 * body.model->system->num_free; f++)
+            x[3 * body.model->system->node_of_free[f / 3] + f % 3] += 0.004 * std::sin(1.7 * f);
+    }
+};
+
+std::vector<double> upsampled(const pliant_system *system, const std::vector<double> &x)
+{
+    std::vector<double> out(3 * static_cast<size_t>(system->fine->num_nodes));
+    pliant_upsample_positions(system, x.data(), out.data());
+    return out;
+}
+
+// The weights of a fine node are the derivative of its position, with that of the rotation of its cube. They leave out
+// blocks of N below 1e-4.
+TEST_P(EveryKind, WeightsAreTheDerivativeOfThePosition)
+{
+    StrainedBlock block;
+    block.build();
+    const pliant_system *system = block.body.model->system;
+    const double h = 2e-5, one = 1;
+    std::vector<double> forward = block.x, back = block.x, direction(3 * static_cast<size_t>(system->num_free));
+    for (size_t f = 0; f < direction.size(); f++) {
+        direction[f] = std::sin(0.7 * static_cast<double>(f));
+        forward[3 * system->node_of_free[f / 3] + f % 3] += h * direction[f];
+        back[3 * system->node_of_free[f / 3] + f % 3] -= h * direction[f];
+    }
+    const std::vector<double> to = upsampled(system, forward), from = upsampled(system, back);
+    for (int32_t n = 0; n < system->fine->num_nodes; n++) {
+        std::vector<double> weights(9 * static_cast<size_t>(system->num_free));
+        pliant_weight_blocks blocks = {weights.data(), nullptr, nullptr, 0};
+        pliant_upsample_weights(system, block.x.data(), 1, &n, &one, &blocks);
+        for (size_t d = 0; d < 3; d++) {
+            double moved = 0;
+            for (size_t f = 0; f < direction.size(); f++) moved += weights[9 * (f / 3) + 3 * d + f % 3] * direction[f];
+            EXPECT_NEAR(moved, (to[3 * n + d] - from[3 * n + d]) / (2 * h), 1e-4) << n;
+        }
+    }
+}
+
+// The rotation of a cube is that of its tissue. It follows linear motions exactly. The nodes of a cube that its tissue
+// hardly moves have little influence.
+TEST_P(EveryKind, RotationIsOfTheTissue)
+{
+    StrainedBlock block;
+    block.build();
+    const pliant_macros *macros = block.body.model->system->macros;
+    const pliant_mesh &coarse = *block.body.model->system->mesh;
+    double smallest = INFINITY;
+    for (int32_t cube = 0; cube < macros->count; cube++) {
+        Eigen::Matrix3d of_rest = Eigen::Matrix3d::Zero();
+        Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+        for (int v = 0; v < 8; v++) {
+            const int32_t node = macros->own[8 * cube + v];
+            const Eigen::Vector3d g(macros->gradient + 24 * cube + 3 * v);
+            if (node < 0) continue;
+            of_rest += Eigen::Vector3d(coarse.rest + 3 * node) * g.transpose();
+            sum += g;
+            smallest = std::min(smallest, g.norm() * coarse.cell_size[0]);
+        }
+        EXPECT_LT((of_rest - Eigen::Matrix3d::Identity()).norm(), 1e-9);
+        EXPECT_LT(sum.norm() * coarse.cell_size[0], 1e-9);
+    }
+    // all nodes of a full cube have sqrt(3) / 4
+    if (kind_of_bodies == PLIANT_HEXAHEDRA) EXPECT_LT(smallest, 0.15);
+}
+
 // Without nearby fixed nodes, a rigid rotation of any angle causes no force, and the fine nodes rotate with the body.
 TEST_P(EveryKind, TurnsFreely)
 {

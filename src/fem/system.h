@@ -56,8 +56,8 @@ typedef struct pliant_macro_law { double lambda, mu; } pliant_macro_law;
  * and the macro-elements of lod (src/fem/coarse/NUMERICS.md). A macro-element is a cube of the solved lattice that
  * contains tissue. Its corners are all solved nodes that move the fine nodes of the cube.
  *
- * The rotation R of an element is fitted to the cube's own nodes: F = sum of x_v g_v'. A corner at x with rest position
- * X has the local displacement
+ * The rotation R of an element is that of F = sum of x_v g_v' over the cube's own nodes v. A corner at x with rest
+ * position X has the local displacement
  *     q = R'(x - c) - (X - C)
  * where c and C are the means of the cube's own nodes. A held corner moves fine nodes relative to something fixed, and
  * has
@@ -351,7 +351,7 @@ double pliant_macro_mean_diagonal(const pliant_system *system); /* computes the 
 /* Return the contribution of an element to the sum of the diagonal. */
 double pliant_macro_trace(const pliant_macros *macros, const int32_t *free_of_node, int32_t element);
 void pliant_macro_positions(const pliant_system *system, const double *solved, double *fine);
-/* Add the shape functions of a fine node, times a weight. */
+/* Add the derivative of a fine node's position by the positions of the solved nodes, times a weight. */
 void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight,
                           pliant_weight_blocks *blocks);
 void pliant_macros_free(pliant_macros *macros); /* Nullable */

@@ -420,6 +420,79 @@ void pliant_macro_positions(const pliant_system *system, const double *solved, d
 
 /* Compute dx_f/dx_c with constant rotation: R N_c R'. There is no term from c, since the N of free corners sum to the
  * identity. */
+/* ---- derivative of a fine node's position (NUMERICS.md) */
+
+/* Compute (tr(S) I - S)^-1 of S = R'F. It is bounded in cubes that are nearly flat. */
+static void invert_stretch(const double f[9], const double r[9], double out[9])
+{
+    const double minimum = 0.2; /* of the sum of two stretches, as in elements.c */
+    double s[9], matrix[9], values[3], vectors[9];
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) s[3 * a + b] = r[a] * f[b] + r[3 + a] * f[3 + b] + r[6 + a] * f[6 + b];
+    for (int m = 0; m < 9; m++)
+        matrix[m] = (m % 4 == 0 ? s[0] + s[4] + s[8] : 0) - 0.5 * (s[m] + s[3 * (m % 3) + m / 3]);
+    pliant_symmetric_eigen(matrix, values, vectors);
+    memset(out, 0, 9 * sizeof *out);
+    for (int m = 0; m < 9; m++)
+        for (int k = 0; k < 3; k++)
+            out[m] += vectors[m - m % 3 + k] * vectors[3 * (m % 3) + k] / fmax(values[k], minimum);
+}
+
+/* out = a b */
+static void multiply(const double a[9], const double b[9], double out[9])
+{
+    for (int m = 0; m < 9; m++)
+        out[m] = a[m - m % 3] * b[m % 3] + a[m - m % 3 + 1] * b[3 + m % 3] + a[m - m % 3 + 2] * b[6 + m % 3];
+}
+
+/* Compute the motion of a fine node by a small rotation w of its cube if the corners stay: R (w x y - N (w x y_c)).
+ * Here y and y_c are the positions of the node and the corners in the cube's frame.
+ * @param entries  first entry of the node, and end
+ * @param out      (3 x 3), to be multiplied by w */
+static void motion_by_turn(const pliant_system *system, const double *solved, int32_t cube, int32_t fine_node,
+                           const pliant_macro_frame *frame, const int32_t entries[2], double out[9])
+{
+    const pliant_macros *macros = system->macros;
+    double motion[9] = {0}, y[3];
+    for (int d = 0; d < 3; d++) y[d] = system->fine->rest[3 * (size_t)fine_node + (size_t)d] - frame->rest_centre[d];
+    for (int32_t e = entries[0]; e < entries[1]; e++) {
+        const int32_t corner = macros->start[cube] + macros->entry_corner[cube][e];
+        const double *rest = rest_of(system) + 3 * macros->node[corner];
+        const float *n = macros->entry_shape[cube] + 9 * (size_t)e;
+        double q[3];
+        pliant_macro_corner(frame, macros->held[corner], solved + 3 * macros->node[corner], rest, q);
+        for (int d = 0; d < 3; d++) y[d] += n[3 * d] * q[0] + n[3 * d + 1] * q[1] + n[3 * d + 2] * q[2];
+        for (int d = 0; d < 3 && !macros->held[corner]; d++) q[d] += rest[d] - frame->rest_centre[d];
+        for (int i = 0; i < 9; i += 3) {
+            motion[i] += n[i + 1] * q[2] - n[i + 2] * q[1];
+            motion[i + 1] += n[i + 2] * q[0] - n[i] * q[2];
+            motion[i + 2] += n[i] * q[1] - n[i + 1] * q[0];
+        }
+    }
+    const double cross[9] = {0, y[2], -y[1], -y[2], 0, y[0], y[1], -y[0], 0};
+    for (int m = 0; m < 9; m++) motion[m] += cross[m];
+    multiply(frame->rotation, motion, out);
+}
+
+/* Add the motion of a fine node by the rotation of its cube: w = (tr(S) I - S)^-1 sum of g_v x R' dx_v. */
+static void add_turn(const pliant_macros *macros, int32_t cube, const int32_t *free_of_node, double weight,
+                     const double by_turn[9], const double f[9], const double r[9], pliant_weight_blocks *blocks)
+{
+    const double back[9] = {r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]};
+    double inverse[9], scaled[9];
+    invert_stretch(f, r, inverse);
+    multiply(by_turn, inverse, scaled);
+    for (size_t v = 8 * (size_t)cube; v < 8 * (size_t)cube + 8; v++) {
+        const int32_t unknown = macros->own[v] < 0 ? -1 : free_of_node[macros->own[v]];
+        const double *g = macros->gradient + 3 * v;
+        const double cross[9] = {0, -g[2], g[1], g[2], 0, -g[0], -g[1], g[0], 0};
+        double turn[9], block[9], *out = unknown < 0 ? NULL : pliant_weight_blocks_at(blocks, unknown);
+        multiply(cross, back, turn);
+        multiply(scaled, turn, block);
+        for (int m = 0; m < 9 && out; m++) out[m] += weight * block[m];
+    }
+}
+
 void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight,
                           pliant_weight_blocks *blocks)
 {
@@ -431,9 +504,17 @@ void pliant_macro_weights(const pliant_system *system, const double *solved, int
     const int32_t *found = bsearch(&fine_node, first, count, sizeof *found, ascending);
     int32_t index = (int32_t)(found - first);
     pliant_macro_frame frames[LANES];
-    frames_of(system, solved, cube - cube % LANES, frames);
+    double deformations[9][LANES], rotations[9][LANES], f[9];
+    deform(system, solved, cube - cube % LANES, frames, deformations, rotations);
+    for (int m = 0; m < 9; m++) f[m] = deformations[m][cube % LANES];
     const double *r = frames[cube % LANES].rotation;
-    for (int32_t e = macros->entry_start[cube][index]; e < macros->entry_start[cube][index + 1]; e++) {
+    const int32_t *entries = macros->entry_start[cube] + index;
+    if (!macros->grounded[cube]) {
+        double by_turn[9];
+        motion_by_turn(system, solved, cube, fine_node, frames + cube % LANES, entries, by_turn);
+        add_turn(macros, cube, system->free_of_node, weight, by_turn, f, r, blocks);
+    }
+    for (int32_t e = entries[0]; e < entries[1]; e++) {
         int32_t unknown = system->free_of_node[macros->node[macros->start[cube] + macros->entry_corner[cube][e]]];
         const float *n = macros->entry_shape[cube] + 9 * (size_t)e;
         double *out = unknown >= 0 ? pliant_weight_blocks_at(blocks, unknown) : NULL;
