@@ -144,7 +144,7 @@ std::vector<double> upsampled(const pliant_system *system, const std::vector<dou
     return out;
 }
 
-// The weights of a fine node are the derivative of its position, with that of the rotation of its cube. They leave out
+// The weights of a fine node are the derivative of its position. They contain the rotation of its cube, and leave out
 // blocks of N below 1e-4.
 TEST_P(EveryKind, WeightsAreTheDerivativeOfThePosition)
 {
@@ -171,8 +171,8 @@ TEST_P(EveryKind, WeightsAreTheDerivativeOfThePosition)
     }
 }
 
-// The rotation of a cube is that of its tissue. It follows linear motions exactly. The nodes of a cube that its tissue
-// hardly moves have little influence.
+// The tissue of a cube determines the cube's rotation, and linear motions are exact. Nodes that move little tissue have
+// little influence.
 TEST_P(EveryKind, RotationIsOfTheTissue)
 {
     StrainedBlock block;

@@ -56,8 +56,8 @@ typedef struct pliant_macro_law { double lambda, mu; } pliant_macro_law;
  * and the macro-elements of lod (src/fem/coarse/NUMERICS.md). A macro-element is a cube of the solved lattice that
  * contains tissue. Its corners are all solved nodes that move the fine nodes of the cube.
  *
- * The rotation R of an element is that of F = sum of x_v g_v' over the cube's own nodes v. A corner at x with rest
- * position X has the local displacement
+ * An element has F = sum of x_v g_v' over the cube's own nodes v, and its rotation R. A corner at x with rest position
+ * X has the local displacement
  *     q = R'(x - c) - (X - C)
  * where c and C are the means of the cube's own nodes. A held corner moves fine nodes relative to something fixed, and
  * has

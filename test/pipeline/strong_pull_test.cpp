@@ -53,6 +53,7 @@ void use_patch(pliant_scene &scene)
     scene.model.method = PLIANT_AVERAGED;
     scene.model.patch = 0.05;
 }
+void use_lod(pliant_scene &scene) { scene.model.method = PLIANT_LOD; }
 void use_schur(pliant_scene &scene) { scene.model.method = PLIANT_SCHUR; }
 void keep_air(pliant_scene &scene) { scene.mesh.keep_air = true; }
 void use_dynamics(pliant_scene &scene) { scene.solver.kind = PLIANT_TLED; }
@@ -67,6 +68,7 @@ struct Pull {
     pliant_element_kind kind;
     int ratio;
     void (*set)(pliant_scene &scene);
+    double x = -0.054; // of the grasped point [m]
 };
 
 // The pull of launch/scenes/demo_pull.yaml: 3 cm at the phantom's liver, within a second. The tissue then follows.
@@ -87,7 +89,7 @@ void expect_none_inverted(const Pull &pull, pliant_backend_choice backend)
     ASSERT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK)
         << pliant_last_error();
     ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
-    const double liver[3] = {-0.054, -0.063, 0.063};
+    const double liver[3] = {pull.x, -0.063, 0.063};
     int tool = -1, converged = 0;
     EXPECT_EQ(pliant_tool_add(model, data, "grasper", &tool), PLIANT_OK);
     EXPECT_EQ(pliant_tool_grasp(model, data, tool, liver), PLIANT_OK) << pliant_last_error();
@@ -138,6 +140,10 @@ INSTANTIATE_TEST_SUITE_P(Cells, PullOfThreeCentimetres,
                                          Pull{"Tetrahedra14Millimetres", PLIANT_LINEAR, 3, nullptr},
                                          Pull{"WithAir", PLIANT_HEXAHEDRA, 2, keep_air},
                                          Pull{"Patch", PLIANT_HEXAHEDRA, 2, use_patch},
+                                         Pull{"Lod", PLIANT_HEXAHEDRA, 2, use_lod},
+                                         Pull{"LodNextToTheSkin", PLIANT_HEXAHEDRA, 2, use_lod, -0.1},
+                                         Pull{"LodWithCubesOfLittleTissue", PLIANT_HEXAHEDRA, 3, use_lod},
+                                         Pull{"LodOfTetrahedra", PLIANT_LINEAR, 3, use_lod},
                                          Pull{"Schur", PLIANT_LINEAR, 3, use_schur},
                                          Pull{"Dynamics", PLIANT_HEXAHEDRA, 2, use_dynamics},
                                          Pull{"DynamicsOfTetrahedra", PLIANT_LINEAR, 2, use_saint_venant_kirchhoff}),

@@ -445,7 +445,7 @@ static void multiply(const double a[9], const double b[9], double out[9])
         out[m] = a[m - m % 3] * b[m % 3] + a[m - m % 3 + 1] * b[3 + m % 3] + a[m - m % 3 + 2] * b[6 + m % 3];
 }
 
-/* Compute the motion of a fine node by a small rotation w of its cube if the corners stay: R (w x y - N (w x y_c)).
+/* Compute the motion of a fine node by a small rotation w of its cube: R (w x y - N (w x y_c)). The corners stay.
  * Here y and y_c are the positions of the node and the corners in the cube's frame.
  * @param entries  first entry of the node, and end
  * @param out      (3 x 3), to be multiplied by w */

@@ -101,28 +101,21 @@ static void gather_parts(const pliant_model *model, pliant_data *data)
 
 /* ---- the stage */
 
-/* Return whether small elements get contact points. With lod they do not: the unknowns of a cube cannot open several
- * of its fine elements, and then no leg makes progress. */
-static bool has_element_points(const pliant_model *model, const pliant_data *data)
-{
-    return data->tled || model->scene.model.method != PLIANT_LOD;
-}
-
 /* Return whether legs keep elements from inverting in a step without contact: a tool that holds tissue can pull it
  * strongly, and a blade that slips releases tissue in one step. */
-static bool keeps_volumes_of_pull(const pliant_model *model, const pliant_data *data)
+static bool keeps_volumes_of_pull(const pliant_data *data)
 {
     bool any = false;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool *tool = data->tools + t;
         any = any || (tool->present && (tool->holding || tool->blade.cutting));
     }
-    return any && has_element_points(model, data);
+    return any;
 }
 
 bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data)
 {
-    if (pliant_contact_touches_itself(model) || keeps_volumes_of_pull(model, data)) return false;
+    if (pliant_contact_touches_itself(model) || keeps_volumes_of_pull(data)) return false;
     if (model->scene.obstacles.num_boxes + model->scene.obstacles.num_planes > 0 || model->obstacles.num_parts > 0)
         return false;
     for (int t = 0; t < data->num_tools; t++)
@@ -285,7 +278,7 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
     if (status == PLIANT_OK && !are_reused) status = find_points(model, data, body, max_piece_motion);
     if (status != PLIANT_OK) return status;
     const int32_t first = are_reused ? search->point_buffer.count : 0;
-    if (has_element_points(model, data)) status = find_small_elements(model, data);
+    status = find_small_elements(model, data);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, first, &search->point_buffer);
     pliant_contacts_swap(&data->contacts, &search->point_buffer);
