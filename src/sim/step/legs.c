@@ -4,7 +4,6 @@
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
 #include "contact/shapes/tool_shape.h"
-#include "contact/volume/volume_bound.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
@@ -414,14 +413,17 @@ static pliant_status find_free_fraction(const pliant_model *model, pliant_data *
     return status;
 }
 
-/* Rigid pieces move on arcs, so at a fraction of the leg their nodes are not on the checked straight lines. Check
- * the state that was reached. If it is not free, halve the fraction up to three times, and then use 0. */
+/* Rigid pieces and nodes that turn with coarse elements move on arcs, so at a fraction of the leg they are not on the
+ * checked straight lines. Check the state that was reached. If it is not free, halve the fraction up to three times,
+ * and then use 0. */
 static pliant_status apply_checked_fraction(const pliant_model *model, pliant_data *data, double *fraction)
 {
     pliant_status status = pliant_legs_apply_fraction(model, data, *fraction);
-    for (int again = 0; again < MAX_CHECKED_TRIALS && data->rigid_pieces && *fraction > 0 && status >= 0; again++) {
+    const bool is_curved = data->rigid_pieces || pliant_legs_turn_nodes(data);
+    for (int again = 0; again < MAX_CHECKED_TRIALS && is_curved && *fraction > 0 && status >= 0; again++) {
         double found = 1;
         status = find_free_fraction(model, data, *fraction, &found);
+        if (pliant_legs_turn_nodes(data)) found = fmin(found, pliant_legs_find_volume_fraction(model, data));
         if (status < 0 || found >= nearly_all) break;
         const double less = again + 1 < MAX_CHECKED_TRIALS ? 0.5 : 0;
         *fraction *= less;
@@ -448,8 +450,9 @@ static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, 
     const bool bounds_nodes = moves_single_nodes(data) && !(data->solver && data->legs->blocked);
     const pliant_status status = bounds_nodes ? pliant_legs_bound_volumes(model, data, &found) : PLIANT_OK;
     if (found || status != PLIANT_OK) return status;
-    *fraction = pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions, data->positions,
-                                      pliant_contact_pieces(data), data->discretization->system->num_threads);
+    *fraction = pliant_legs_find_volume_fraction(model, data);
+    /* Arcs to the same end can keep volumes that straight lines do not keep. The state that is reached is checked. */
+    if (*fraction < 1 && pliant_legs_turn_nodes(data)) *fraction = fmax(*fraction, 0.5);
     return PLIANT_OK;
 }
 

@@ -93,6 +93,11 @@ void pliant_legs_set_goals_reached(pliant_data *data);
  * Errors: MEMORY; a backend that cannot continue from the new positions. */
 /* Save positions, grasp forces and pieces at the start of the leg. */
 pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data);
+/* Return whether fine nodes turn with coarse elements. Then they move on arcs. */
+bool pliant_legs_turn_nodes(const pliant_data *data);
+/* Return the largest fraction of the leg in which all elements keep their volume, if all nodes make this fraction on
+ * straight lines. */
+double pliant_legs_find_volume_fraction(const pliant_model *model, const pliant_data *data);
 /* Move everything except the proxies to this fraction of the leg. */
 pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data *data, double fraction);
 /* Explicit dynamics: move each node to its own fraction of the leg (data->legs->fraction). */

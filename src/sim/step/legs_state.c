@@ -150,6 +150,11 @@ pliant_status pliant_legs_apply_islands(const pliant_model *model, pliant_data *
     return end_mix(model, data);
 }
 
+bool pliant_legs_turn_nodes(const pliant_data *data)
+{
+    return data->solver && pliant_upsample_turns(data->solver->system) && pliant_patch_count_tools(data) == 0;
+}
+
 pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data *data, double fraction)
 {
     pliant_legs *legs = data->legs;
@@ -160,7 +165,10 @@ pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data 
         return pliant_legs_apply_islands(model, data);
     }
     mix_solver(data, fraction);
-    mix(3 * (size_t)data->body->fine.num_nodes, legs->positions, fraction, data->positions);
+    if (fraction > 0 && pliant_legs_turn_nodes(data))
+        pliant_upsample_positions(data->solver->system, data->solver->now.x, data->positions);
+    else
+        mix(3 * (size_t)data->body->fine.num_nodes, legs->positions, fraction, data->positions);
     if (data->rigid_pieces) {
         pliant_rigid_pieces_interpolate(legs->rigid_pieces, fraction, data->rigid_pieces);
         pliant_rigid_pieces_hold(data->rigid_pieces, data->positions);
@@ -192,6 +200,12 @@ static void mix_nodes_of_solver(pliant_data *data)
     (void)pliant_solver_set_contacts(solver, NULL, NULL, NULL);
     pliant_solver_reset_after_move(solver);
     solver->evaluation_history = evaluation_history;
+}
+
+double pliant_legs_find_volume_fraction(const pliant_model *model, const pliant_data *data)
+{
+    return pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions, data->positions,
+                                 pliant_contact_pieces(data), data->discretization->system->num_threads);
 }
 
 pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data, bool *found)
