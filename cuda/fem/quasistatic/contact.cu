@@ -173,7 +173,7 @@ static pliant_status make_work(gpu_contacts *contacts, int32_t slots, int32_t pi
     gpu_contact_view *view = &contacts->view;
     const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs,
                  back = (rows + rows * rows) * sizeof(double);
-    const size_t blocks = contacts->is_wide ? (size_t)contacts->size.blocks : 1;
+    const size_t blocks = contacts->uses_all_blocks ? (size_t)contacts->limits.num_blocks : 1;
     const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + blocks * rows +
                          pliant_cone_numbers(rows) + 1) *
                         sizeof(double);
@@ -203,6 +203,21 @@ static pliant_status send_view(gpu_contacts *contacts, cudaStream_t stream)
                             stream);
 }
 
+/* Choose what computes the forces, as if the points pressed that press at the start of the leg. */
+static void choose_blocks(gpu_contacts *contacts, const pliant_contact_problem *from)
+{
+    const int32_t springs = contacts->view.num_springs, points = from->count + springs;
+    int32_t rows = 3 * springs;
+    for (int32_t c = 0; c < from->count; c++) {
+        const double *force = from->taken.force + 3 * (size_t)c;
+        const bool presses = force[0] != 0 || force[1] != 0 || force[2] != 0;
+        rows += !presses ? 0 : from->friction[c] != 0 ? 3 : 1;
+    }
+    const bool fits_block = points <= CONTACT_BLOCK_POINTS && rows <= PLIANT_CONE_FEW_ROWS;
+    contacts->fits_gpu = points <= contacts->limits.max_points && rows <= PLIANT_CONE_MAX_ROWS;
+    contacts->uses_all_blocks = contacts->fits_gpu && !fits_block && contacts->limits.num_blocks > 1;
+}
+
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
 {
     gpu_contacts *contacts = &gpu->contacts;
@@ -211,7 +226,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
     bool made = false;
     pliant_contact_problem_begin_couplings(from);
     CUDA_TRY(set_size(contacts, gpu->system.num_free));
-    if (contacts->size.bytes == 0) CUDA_TRY(pliant_cuda_contact_cones_size(&contacts->size));
+    if (contacts->limits.shared_bytes == 0) CUDA_TRY(pliant_cuda_contact_cone_limits(&contacts->limits));
     const int32_t slots = find_moved_unknowns(from, contacts);
     pliant_status status = pliant_cuda_compliance_compute(&contacts->blocks, &gpu->preconditioner, &gpu->iteration,
                                                           slots, contacts->moved_unknowns, gpu->stream, &made);
@@ -221,7 +236,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
     view->num_slots = slots;
     view->num_springs = pliant_solver_list_springs(solver, spring);
     for (int32_t s = 0; s < view->num_springs; s++) view->spring[s] = spring[s];
-    contacts->is_wide = view->count + view->num_springs > CONTACT_BLOCK_POINTS;
+    choose_blocks(contacts, from);
     view->d_column = contacts->blocks.d_column;
     view->stride = contacts->blocks.stride;
     if (status == PLIANT_OK) status = pliant_contact_problem_size_matrix(from, view->num_springs);
@@ -269,14 +284,17 @@ static pliant_status download_state(const pliant_cuda_solver *gpu)
                                      cudaMemcpyDeviceToHost, gpu->stream));
 }
 
-/* Send the compliances of the couplings, which depend on their loads. */
+/* Send the couplings and the compliances of their bodies, which depend on their loads. */
 static pliant_status send_bodies(const pliant_cuda_solver *gpu, const pliant_contact_problem *from)
 {
     const gpu_contacts *contacts = &gpu->contacts;
     if (from->num_moving == 0) return PLIANT_OK;
     for (int32_t m = 0; m < from->num_moving; m++) contacts->h_piece[m] = *pliant_contact_problem_body(from, m);
+    std::copy(from->coupling, from->coupling + from->num_couplings, contacts->h_coupling);
+    CUDA_TRY(pliant_cuda_send(contacts->h_coupling, (size_t)from->num_couplings * sizeof *contacts->h_coupling,
+                              contacts->view.d_coupling, gpu->stream));
     return pliant_cuda_send(contacts->h_piece, (size_t)from->num_moving * sizeof *contacts->h_piece,
-                            const_cast<pliant_contact_body *>(contacts->view.d_piece), gpu->stream);
+                            contacts->view.d_piece, gpu->stream);
 }
 
 /* Compute the free step and the motion of the points; copy the motion back, or the first `numbers` of motion and A. */
@@ -371,20 +389,6 @@ static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, 
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not finish");
 }
 
-/* Return whether the GPU can probably compute the forces: as many points press as at the start of the step. */
-static bool fits_gpu(const gpu_contacts *contacts, const pliant_contact_problem *from)
-{
-    const gpu_contact_view *view = &contacts->view;
-    int32_t rubbing = view->num_springs, others = 0;
-    for (int32_t c = 0; c < view->count; c++) {
-        const double *force = from->taken.force + 3 * (size_t)c;
-        const bool presses = force[0] != 0 || force[1] != 0 || force[2] != 0;
-        rubbing += presses && from->friction[c] != 0;
-        others += presses && from->friction[c] == 0;
-    }
-    return 3 * rubbing + others <= PLIANT_CONE_MAX_ROWS && view->count + view->num_springs <= contacts->size.points;
-}
-
 pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)
 {
     const gpu_contact_view *view = &gpu->contacts.view;
@@ -392,8 +396,7 @@ pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, pliant_solver *s
     CUDA_TRY(prepare(gpu, solver));
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
     CUDA_TRY(pliant_cuda_contact_begin(view, &gpu->iteration, gpu->stream));
-    return fits_gpu(&gpu->contacts, solver->contacts) ? run_on_gpu(gpu, solver, maximum)
-                                                      : run_with_host(gpu, solver, maximum);
+    return gpu->contacts.fits_gpu ? run_on_gpu(gpu, solver, maximum) : run_with_host(gpu, solver, maximum);
 }
 
 const double *pliant_cuda_contacts_motion(const gpu_contacts *contacts)

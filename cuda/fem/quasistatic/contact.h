@@ -42,19 +42,19 @@ typedef struct gpu_contact_view {
 enum { CONTACT_PERSISTENT, CONTACT_RESULTS, CONTACT_EVALUATION_RESULTS, CONTACT_VIEW, CONTACT_BLOCKS };
 
 /* What this GPU offers to the solver of contact forces. */
-typedef struct gpu_cones_size {
-    int32_t bytes,  /* shared memory of a block; 0: unknown yet */
-        blocks,     /* that run at the same time */
-        points;     /* maximum number of points and springs */
-} gpu_cones_size;
+typedef struct gpu_cone_limits {
+    int32_t shared_bytes, /* shared memory of a block; 0: unknown yet */
+        num_blocks,       /* that run at the same time */
+        max_points;       /* points and springs */
+} gpu_cone_limits;
 
 typedef struct gpu_contacts {
     gpu_compliance_columns blocks;
     gpu_contact_view view;
     pliant_contact_body *h_piece;  /* (view.num_moving) page-locked copy of view.d_piece */
     pliant_coupling *h_coupling;   /* (view.num_couplings) page-locked copy of view.d_coupling */
-    gpu_cones_size size;
-    bool is_wide;                  /* several blocks compute the forces of this step */
+    gpu_cone_limits limits;
+    bool fits_gpu, uses_all_blocks; /* the GPU computes the forces of this leg; all of its blocks do */
     void *d_block[CONTACT_BLOCKS], *h_block[CONTACT_BLOCKS]; /* page-locked; contents: persistent data, and results */
     size_t d_capacity[CONTACT_BLOCKS], h_capacity[CONTACT_BLOCKS];   /* bytes */
     int32_t num_free, *place;  /* (num_free) slot, or -1 */

@@ -304,15 +304,13 @@ static __device__ pliant_cones place_cones(const gpu_contact_view &view, double 
 static __device__ bool solve_within_limits(const pliant_team *team, const pliant_cones *on,
                                            const gpu_contact_view &view, pliant_coupling *coupling)
 {
-    pliant_couplings limits = {view.num_couplings,
-                               view.count,
-                               coupling,
-                               view.d_coupling_columns,
-                               view.d_matrix,
-                               on->matrix == view.d_matrix ? nullptr : const_cast<double *>(on->matrix),
-                               0,
-                               0,
-                               0};
+    pliant_couplings limits = {};
+    limits.count = view.num_couplings;
+    limits.points = view.count;
+    limits.coupling = coupling;
+    limits.columns = view.d_coupling_columns;
+    limits.matrix = view.d_matrix;
+    limits.copy = on->matrix == view.d_matrix ? nullptr : const_cast<double *>(on->matrix);
     for (int n = team->rank; n < limits.count; n += team->size) coupling[n] = view.d_coupling[n];
     pliant_team_wait(team);
     pliant_couplings_begin(team, &limits);
@@ -337,10 +335,9 @@ static __global__ void __launch_bounds__(CONE_THREADS)
     const pliant_team team = {(int)threadIdx.x, CONE_THREADS, sums, nullptr},
                       all = {(int)(blockIdx.x * CONE_THREADS + threadIdx.x), (int)(gridDim.x * CONE_THREADS), nullptr,
                              view.d_arrivals};
-    const bool is_wide = gridDim.x > 1;
     pliant_cones on = place_cones(view, shared, (size_t)capacity / sizeof(double));
-    on.wide = is_wide ? &all : &team;
-    on.few_rows = is_wide ? PLIANT_CONE_MAX_ROWS : PLIANT_CONE_FEW_ROWS;
+    on.all = gridDim.x > 1 ? &all : &team;
+    on.few_rows = gridDim.x > 1 ? PLIANT_CONE_MAX_ROWS : PLIANT_CONE_FEW_ROWS;
     on.resistance = &resistance;
     if (threadIdx.x == 0) resistance = PLIANT_CONE_WEAK_RESISTANCE;
     const int points = 3 * view.count;
@@ -353,13 +350,16 @@ static __global__ void __launch_bounds__(CONE_THREADS)
     for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) wrong += !isfinite(on.motion[i]);
     const bool sensible = pliant_team_sum(&team, wrong) == 0,
                is_solved = !sensible || solve_within_limits(&team, &on, view, coupling);
+    /* Now the first block changes what other blocks have read at the start. If one of them has not even started, no
+     * block has waited for it: it reads the same values, or `done`. */
     if (blockIdx.x > 0) return;
     for (int n = (int)threadIdx.x; n < view.num_couplings; n += CONE_THREADS) {
         pliant_coupling *of = view.d_coupling + n;
-        const double wanted = sensible ? coupling[n].compliance : of->compliance;
-        of->tissue = sensible ? coupling[n].tissue : of->tissue;
-        set_coupling(view, of, wanted);
-        if (is_solved) of->found = sensible ? wanted : of->taken;
+        if (sensible) {
+            of->tissue = coupling[n].tissue;
+            set_coupling(view, of, coupling[n].compliance);
+        }
+        if (is_solved) of->found = sensible ? of->compliance : of->taken;
     }
     if (!is_solved) {
         if (threadIdx.x == 0) state.done = state.needs_host = 1;
@@ -449,19 +449,24 @@ static_assert(CONE_DOUBLES * CONTACT_BLOCK_POINTS * sizeof(double) + 3 * PLIANT_
                   47 << 10,
               "every GPU has this shared memory");
 
-pliant_status pliant_cuda_contact_cones_size(gpu_cones_size *out)
+pliant_status pliant_cuda_contact_cone_limits(gpu_cone_limits *out)
 {
-    int device = 0, maximum = 0, processors = 0, cooperates = 0;
+    int device = 0, maximum = 0, processors = 0, cooperates = 0, per_processor = 0;
     cudaFuncAttributes own;
     CUDA_TRY(CUDA_CALL(cudaGetDevice(&device)));
     CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&maximum, cudaDevAttrMaxSharedMemoryPerBlockOptin, device)));
     CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device)));
     CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&cooperates, cudaDevAttrCooperativeLaunch, device)));
     CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&own, cones_kernel)));
-    out->bytes = maximum - (int)own.sharedSizeBytes;
-    out->blocks = cooperates ? processors : 1;
-    out->points = out->blocks > 1 ? out->bytes / (int)(CONE_DOUBLES * sizeof(double)) : (int)CONTACT_BLOCK_POINTS;
-    return CUDA_CALL(cudaFuncSetAttribute(cones_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, out->bytes));
+    out->shared_bytes = maximum - (int)own.sharedSizeBytes;
+    CUDA_TRY(
+        CUDA_CALL(cudaFuncSetAttribute(cones_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, out->shared_bytes)));
+    CUDA_TRY(CUDA_CALL(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_processor, cones_kernel, CONE_THREADS,
+                                                                     (size_t)out->shared_bytes)));
+    out->num_blocks = cooperates && per_processor > 0 ? processors : 1;
+    out->max_points = CONTACT_BLOCK_POINTS;
+    if (out->num_blocks > 1) out->max_points = out->shared_bytes / (int)(CONE_DOUBLES * sizeof(double));
+    return PLIANT_OK;
 }
 
 pliant_status pliant_cuda_contact_cones(const gpu_contact_view *d_view, const gpu_iteration *iteration, int32_t bytes,
@@ -471,14 +476,14 @@ pliant_status pliant_cuda_contact_cones(const gpu_contact_view *d_view, const gp
     return CUDA_LAUNCHED("cones_kernel");
 }
 
-pliant_status pliant_cuda_contact_cones_wide(const gpu_contact_view *view, const gpu_contact_view *d_view,
-                                             const gpu_iteration *iteration, const gpu_cones_size *size,
-                                             cudaStream_t stream)
+pliant_status pliant_cuda_contact_cones_with_all_blocks(const gpu_contact_view *view, const gpu_contact_view *d_view,
+                                                        const gpu_iteration *iteration, const gpu_cone_limits *limits,
+                                                        cudaStream_t stream)
 {
     gpu_iteration copy = *iteration;
-    int bytes = size->bytes;
+    int bytes = limits->shared_bytes;
     void *arguments[] = {&d_view, &copy, &bytes};
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(view->d_arrivals, 0, sizeof *view->d_arrivals, stream)));
-    return CUDA_CALL(cudaLaunchCooperativeKernel(cones_kernel, dim3((unsigned)size->blocks), dim3(CONE_THREADS),
+    return CUDA_CALL(cudaLaunchCooperativeKernel(cones_kernel, dim3((unsigned)limits->num_blocks), dim3(CONE_THREADS),
                                                  arguments, (size_t)bytes, stream));
 }

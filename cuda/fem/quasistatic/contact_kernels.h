@@ -5,7 +5,7 @@
 #include "cuda/fem/quasistatic/contact.h"
 
 /* Maximum number of points and springs for which one block computes the forces. It has the shared memory for them. */
-enum { CONTACT_BLOCK_POINTS = 128 };
+enum { CONTACT_BLOCK_POINTS = 256 };
 
 /* At the start of a step, compute the weights in the nodes' axes, and A. */
 pliant_status pliant_cuda_contact_begin(const gpu_contact_view *view, const gpu_iteration *iteration,
@@ -21,11 +21,11 @@ pliant_status pliant_cuda_contact_measure(const gpu_contact_view *d_view, int32_
 /* Compute the contact forces and their pull with one block, in `bytes` of shared memory. */
 pliant_status pliant_cuda_contact_cones(const gpu_contact_view *d_view, const gpu_iteration *iteration, int32_t bytes,
                                         cudaStream_t stream);
-/* Do the same with all blocks that run at the same time. The large systems of equations are shared among them. */
-pliant_status pliant_cuda_contact_cones_wide(const gpu_contact_view *view, const gpu_contact_view *d_view,
-                                             const gpu_iteration *iteration, const gpu_cones_size *size,
+/* Compute them with all blocks that run at the same time, which share the large systems of equations. */
+pliant_status pliant_cuda_contact_cones_with_all_blocks(const gpu_contact_view *view, const gpu_contact_view *d_view,
+                                             const gpu_iteration *iteration, const gpu_cone_limits *limits,
                                              cudaStream_t stream);
-pliant_status pliant_cuda_contact_cones_size(gpu_cones_size *out);
+pliant_status pliant_cuda_contact_cone_limits(gpu_cone_limits *out);
 /* Add dl to the residual (pull), and the resulting change to the step (push). */
 pliant_status pliant_cuda_contact_pull(const gpu_contact_view *view, const gpu_iteration *iteration,
                                        cudaStream_t stream);

@@ -38,7 +38,7 @@ static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
     CUDA_TRY(pliant_cuda_contact_load(d_view, &gpu->iteration, gpu->stream));
     CUDA_TRY(enqueue_look(gpu));
     CUDA_TRY(pliant_cuda_contact_measure(d_view, CONTACT_BLOCK_POINTS, &gpu->iteration, gpu->stream));
-    CUDA_TRY(pliant_cuda_contact_cones(d_view, &gpu->iteration, gpu->contacts.size.bytes, gpu->stream));
+    CUDA_TRY(pliant_cuda_contact_cones(d_view, &gpu->iteration, gpu->contacts.limits.shared_bytes, gpu->stream));
     CUDA_TRY(pliant_cuda_contact_push(d_view, &gpu->iteration, gpu->stream));
     return enqueue_judge(gpu, false);
 }
@@ -56,22 +56,23 @@ pliant_status pliant_cuda_solver_free_step(pliant_cuda_solver *gpu)
     return gpu->preconditioner.multigrid ? launch(gpu, enqueue_look, &gpu->free_step_graph) : enqueue_look(gpu);
 }
 
-/* Evaluate with forces by several blocks. They take far longer than a launch, so there is no graph. */
-static pliant_status evaluate_wide(pliant_cuda_solver *gpu)
+/* Evaluate with forces by all blocks. They take far longer than a launch, so there is no graph. */
+static pliant_status evaluate_with_all_blocks(pliant_cuda_solver *gpu)
 {
     const gpu_contacts *contacts = &gpu->contacts;
     const gpu_contact_view *d_view = static_cast<const gpu_contact_view *>(contacts->d_block[CONTACT_VIEW]);
     CUDA_TRY(pliant_cuda_contact_load(d_view, &gpu->iteration, gpu->stream));
     CUDA_TRY(pliant_cuda_solver_free_step(gpu));
     CUDA_TRY(pliant_cuda_contact_measure(d_view, contacts->view.count, &gpu->iteration, gpu->stream));
-    CUDA_TRY(pliant_cuda_contact_cones_wide(&contacts->view, d_view, &gpu->iteration, &contacts->size, gpu->stream));
+    CUDA_TRY(pliant_cuda_contact_cones_with_all_blocks(&contacts->view, d_view, &gpu->iteration, &contacts->limits,
+                                                       gpu->stream));
     CUDA_TRY(pliant_cuda_contact_push(d_view, &gpu->iteration, gpu->stream));
     return enqueue_judge(gpu, false);
 }
 
 pliant_status pliant_cuda_solver_evaluate_contacts(pliant_cuda_solver *gpu)
 {
-    if (gpu->contacts.is_wide) return evaluate_wide(gpu);
+    if (gpu->contacts.uses_all_blocks) return evaluate_with_all_blocks(gpu);
     return launch(gpu, enqueue_touching, &gpu->contact_graph);
 }
 

@@ -31,9 +31,10 @@ enum {
 /* Threads that solve one problem together; each takes its part of every loop: one block of a GPU, or several. */
 typedef struct pliant_team {
     int rank, size;
-    double *sums; /* GPU: (warps) buffer of one block */
-    unsigned
-        *arrivals; /* GPU: several blocks that run at the same time: number of their arrivals; Nullable: one block */
+    /* GPU, one block: (warps) buffer for its sums. NULL: several blocks */
+    double *sums;
+    /* GPU, several blocks that run at the same time: number of their arrivals. NULL: one block */
+    unsigned *arrivals;
 } pliant_team;
 
 /* Wait for all threads. */
@@ -104,7 +105,7 @@ typedef struct pliant_cones {
     double *equations;           /* up to fast_rows: (fast_rows x (fast_rows + 1)) */
     double *large_equations;     /* more: pliant_cone_numbers(3 count); not read if fast_rows is PLIANT_CONE_MAX_ROWS */
     int32_t fast_rows, few_rows; /* few_rows: a step with more rows counts as several */
-    const pliant_team *wide;     /* solves more than fast_rows equations; or the team itself */
+    const pliant_team *all; /* solves more than fast_rows equations: all blocks, or the team itself */
 } pliant_cones;
 
 /* Return the maximum size of the equations' array. rows: 3 for each point */

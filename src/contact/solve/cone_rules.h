@@ -59,7 +59,7 @@ PLIANT_INLINE int32_t pliant_cones_newton(const pliant_team *team, const pliant_
 {
     const pliant_cone_blocks blocks = pliant_cones_classify(team, on);
     const bool is_large = 3 * blocks.count > on->fast_rows;
-    const pliant_team *solves = is_large ? on->wide : team;
+    const pliant_team *solves = is_large ? on->all : team;
     if (3 * blocks.count > PLIANT_CONE_MAX_ROWS) return -1;
     pliant_cones with = *on;
     if (is_large) with.equations = on->large_equations;

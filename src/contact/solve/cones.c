@@ -96,7 +96,7 @@ PLIANT_VECTORIZED static int32_t solve(int32_t count, const double *matrix, cons
                        .equations = rest + (PLIANT_CONE_BUFFER - 7) * row,
                        .fast_rows = PLIANT_CONE_MAX_ROWS,
                        .few_rows = PLIANT_CONE_FEW_ROWS,
-                       .wide = &team};
+                       .all = &team};
     void *points = buffer + 2 * row, *lists = buffer + 5 * row;
     on.point = points;
     on.list = lists;

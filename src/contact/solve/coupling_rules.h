@@ -97,9 +97,9 @@ PLIANT_INLINE void pliant_couplings_soften(const pliant_team *team, const pliant
 {
     const double *columns = on->columns + 9 * (size_t)n * (size_t)on->points, *load = on->coupling[n].load;
     const size_t row = 3 * (size_t)cones->count, used = 3 * (size_t)on->points;
-    const pliant_team *teams[2] = {cones->wide, team};
+    const pliant_team *teams[2] = {cones->all, team};
     double *matrices[2] = {on->matrix, on->copy};
-    pliant_team_wait(cones->wide); /* until nobody uses A */
+    pliant_team_wait(cones->all); /* until nobody uses A */
     for (int m = 0; m < 2; m++)
         for (size_t i = (size_t)teams[m]->rank; matrices[m] && i < used * used; i += (size_t)teams[m]->size) {
             const double *a = columns + 3 * (i / used), *b = columns + 3 * (i % used);
@@ -109,7 +109,7 @@ PLIANT_INLINE void pliant_couplings_soften(const pliant_team *team, const pliant
         const double *a = columns + 3 * i;
         cones->motion[i] += by * (a[0] * load[0] + a[1] * load[1] + a[2] * load[2]);
     }
-    pliant_team_wait(cones->wide);
+    pliant_team_wait(cones->all);
 }
 
 /* Adapt the compliance of one coupling to its limit, if the solution exceeds a limit. Return whether the cone problem

@@ -454,7 +454,12 @@ void pliant_contact_problem_accept(pliant_contact_problem *contacts)
     const pliant_contact_forces swap = contacts->taken;
     contacts->taken = contacts->found;
     contacts->found = swap;
-    for (int32_t n = 0; n < contacts->num_couplings; n++) contacts->coupling[n].taken = contacts->coupling[n].found;
+    for (int32_t n = 0; n < contacts->num_couplings; n++) {
+        pliant_coupling *of = contacts->coupling + n;
+        const double before = of->taken;
+        of->taken = of->found;
+        of->found = before;
+    }
 }
 
 static double depth_of(const pliant_contact_problem *contacts, int32_t c, const double *moved)

@@ -4,7 +4,6 @@
 #include "base/buffer.h"
 #include "base/fail.h"
 #include "contact/solve/cones.h"
-#include "contact/solve/coupling_rules.h"
 
 #include <math.h>
 #include <string.h>
@@ -191,7 +190,8 @@ pliant_status pliant_contact_problem_list_couplings(pliant_contact_problem *cont
     for (int32_t m = 0; pieces && pieces->limit && m < contacts->num_moving; m++) {
         const int body = -1 - contacts->moving[m];
         for (int kind = body % 2 ? 2 : 0; body >= 0 && kind < (body % 2 ? 3 : 2); kind++)
-            add_coupling(contacts, m, kind, pieces->limit + 3 * (body / 2) + kind);
+            if (pieces->limit[3 * (body / 2) + kind].load < INFINITY)
+                add_coupling(contacts, m, kind, pieces->limit + 3 * (body / 2) + kind);
     }
     const size_t points = (size_t)contacts->count, numbers = 9 * points * (size_t)contacts->num_couplings;
     if (numbers > contacts->columns_capacity) {
@@ -229,7 +229,7 @@ void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int n
 {
     const pliant_team team = {.size = 1};
     const pliant_cones cones = {
-        .count = contacts->count + num_tools, .motion = contacts->motion, .force = contacts->force, .wide = &team};
+        .count = contacts->count + num_tools, .motion = contacts->motion, .force = contacts->force, .all = &team};
     pliant_couplings limits = {.count = contacts->num_couplings,
                                .points = contacts->count,
                                .coupling = contacts->coupling,
