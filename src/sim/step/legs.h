@@ -89,8 +89,29 @@ pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data, boo
 /* For tests: set the proxies to the goals of that leg, and end the step. */
 void pliant_legs_set_goals_reached(pliant_data *data);
 
+/* ---- leg_goals.c: where proxies go in a leg */
+/* Return whether this is explicit dynamics, in which time passes. */
+bool pliant_legs_are_dynamic(const pliant_data *data);
+/* Return whether a tool has pressed tissue in the last leg. */
+bool pliant_legs_press(const pliant_data *data);
+/* Save the proxies' poses and loads at the start of a leg. Errors: MEMORY. */
+pliant_status pliant_legs_begin_leg(const pliant_model *model, pliant_data *data);
+/* Return the fraction of the remaining motion for this leg: the smallest of all tools. */
+double pliant_legs_choose_fraction(const pliant_model *model, pliant_data *data);
+/* Explicit dynamics: choose the number of sub-steps that may use one set of contact points. Return their fraction
+ * of the remaining ones. */
+double pliant_legs_choose_part(const pliant_model *model, pliant_data *data);
+/* Explicit dynamics: choose the sub-step for the motion of tools and tissue in one sub-step [m]. */
+void pliant_legs_choose_substep(const pliant_model *model, pliant_data *data, double motion);
+/* Return the maximum motion of a proxy with this load in a leg [m]. */
+double pliant_legs_max_motion(const pliant_data *data, const pliant_proxy_load *load);
+/* Set the goals of all proxies for a fraction of their remaining motion. */
+void pliant_legs_set_goals(const pliant_model *model, pliant_data *data, double fraction);
+
 /* ---- legs_state.c: save the start of a leg, and apply a fraction of the leg.
  * Errors: MEMORY; a backend that cannot continue from the new positions. */
+/* Return the grasp constraint of a tool, from its patch or from the model. Not in explicit dynamics. */
+pliant_grasp_constraint *pliant_legs_grasp(const pliant_data *data, int tool);
 /* Save positions, grasp forces and pieces at the start of the leg. */
 pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data);
 /* Return whether fine nodes turn with coarse elements. Then they move on arcs. */

@@ -17,8 +17,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Return the grasp constraint of a tool, from its patch or from the model. */
-static pliant_grasp_constraint *grasp_constraint_of(const pliant_data *data, int tool)
+pliant_grasp_constraint *pliant_legs_grasp(const pliant_data *data, int tool)
 {
     return pliant_patch_solver(data, tool)->grasps + tool;
 }
@@ -55,7 +54,7 @@ pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data)
     assert(memcmp(legs->positions, data->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof(double)) == 0);
     if (!data->solver) return PLIANT_OK;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        memcpy(legs->force[t], grasp_constraint_of(data, t)->force, sizeof legs->force[t]);
+        memcpy(legs->force[t], pliant_legs_grasp(data, t)->force, sizeof legs->force[t]);
     return data->rigid_pieces ? pliant_rigid_pieces_save(data->rigid_pieces, &legs->rigid_pieces) : PLIANT_OK;
 }
 
@@ -124,7 +123,7 @@ static void mix_solver(pliant_data *data, double fraction)
     if (data->backend->download) data->backend->download(data->model, data);
     pliant_rigid_pieces_set_detachment_positions(data->rigid_pieces, solver->system, solver->now.x);
     mix(3 * (size_t)solver->system->mesh->num_nodes, legs->solved, fraction, solver->now.x);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) mix(3, legs->force[t], fraction, grasp_constraint_of(data, t)->force);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) mix(3, legs->force[t], fraction, pliant_legs_grasp(data, t)->force);
     (void)pliant_solver_set_contacts(solver, NULL, NULL, NULL);
     pliant_solver_reset_after_move(solver);
     solver->evaluation_history = evaluation_history;
