@@ -377,9 +377,8 @@ static bool moves_far(const knife *work, const double last[3])
 }
 
 /* Set the force of a step in which tissue is free: `force`, which cuts the tissue ahead, corrected so that the account
- * returns to 0. The force acts over half of this step and half of the next one (trapezoidal rule).
- * Return false if no force is needed. */
-static bool set_free_tissue_force(const knife *work, double force, const double last[3])
+ * returns to 0. The force acts over half of this step and half of the next one (trapezoidal rule). */
+static void set_free_tissue_force(const knife *work, double force, const double last[3])
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
@@ -394,7 +393,6 @@ static bool set_free_tissue_force(const knife *work, double force, const double 
     for (int d = 0; d < 3; d++) blade->free_tissue_force[d] = felt * along[d];
     pliant_blade_middle(&blade->edge, blade->edge.now, blade->anchor);
     blade->has_slipped = true;
-    return felt > 0;
 }
 
 /* Return whether the blade should slip in this step: the account is then nearer to 0 than if it slips in the next step.
@@ -409,7 +407,7 @@ static bool is_paid(const knife *work, const resistance *ahead, double reach, co
                  work_if_slipping = gained - fmin(ahead->force * (uncut + step), ahead->energy),
                  waits =
                      gained + blade->stiffness * motion * step - fmin(ahead->force * (uncut + 2 * step), ahead->energy);
-    if (motion < 0.5 * reach) return false;
+    if (motion < 0.5 * reach || uncut + step == 0) return false; /* a slip would cut nothing */
     return work_if_slipping + fmax(waits, work_if_slipping) >= 0 || motion >= 2 * reach;
 }
 
@@ -458,7 +456,9 @@ static void move_against_resistance(const knife *work, const double last[3], boo
     if (ahead.force == 0 || inside == 0) {
         /* the step that leaves the tissue pays the account, and in air there is no force */
         const bool has_left = ahead.force == 0 && inside == 0 && blade->engaged_length == 0;
-        if (!blade->has_slipped || has_left || !set_free_tissue_force(work, 0, last)) cut_freely(work);
+        if (blade->is_dragging && inside > 0) slip(work, last);
+        else if (!blade->has_slipped || has_left) cut_freely(work);
+        else set_free_tissue_force(work, 0, last);
         return;
     }
     blade->stiffness = 2 * ahead.force / reach_of(work);
