@@ -9,8 +9,7 @@
  * (Ann Biomed Eng 31:1372, 2003). Its mean is toughness times width.
  *
  * One account, blade->work, holds for all engines: the work of the blade's force minus toughness times swept area
- * (part, charge_pending). No part of it is discarded while the blade is in tissue, so a stroke takes toughness times
- * area.
+ * (part, charge_pending). None of it is discarded while the blade is in tissue, so a stroke takes toughness times area.
  * While free tissue is cut, there is no drag, and the force balances the account (set_free_tissue_force). Tissue is
  * free if the blade moves by a large part of `drag` in one step, and if inertia delays the return of the tissue. */
 #include "base/fail.h"
@@ -213,14 +212,18 @@ static void end_stroke(const knife *work)
     pliant_blade_end_stroke(work->tool);
 }
 
-/* Update the blade's direction. If the blade turns back, the cut ends in front of it. Return false on an error. */
+/* Update the blade's direction. If it moves more back than aside, the cut ends in front of it. Return false on an
+ * error. */
 static bool turn(const knife *work)
 {
     pliant_blade *blade = &work->tool->blade;
     double middle[3], motion[3];
     pliant_blade_middle(&blade->edge, blade->edge.place, middle);
-    if (displacement_from(&blade->edge, middle, motion) <= min_motion * work->min_edge) return true;
-    if (work->data->body->subdivision && pliant_dot3(motion, blade->direction) < 0 && !end_cut(work)) return false;
+    const double distance = displacement_from(&blade->edge, middle, motion);
+    if (distance <= min_motion * work->min_edge) return true;
+    const double back = -pliant_dot3(motion, blade->direction);
+    if (work->data->body->subdivision && back > 0 && 2 * back * back > distance * distance && !end_cut(work))
+        return false;
     pliant_normalize3(motion);
     memcpy(blade->direction, motion, sizeof motion);
     return true;
