@@ -225,6 +225,7 @@ pliant_status pliant_blade_begin_stroke(pliant_data *data, int index, double spa
     pliant_blade_set_edge(data, &blade->edge);
     set_pose(blade, &pose);
     blade->is_in_stroke = true;
+    blade->pending = 0;
     blade->stroke++;
     return PLIANT_OK;
 }

@@ -418,8 +418,6 @@ void pliant_macro_positions(const pliant_system *system, const double *solved, d
     }
 }
 
-/* Compute dx_f/dx_c with constant rotation: R N_c R'. There is no term from c, since the N of free corners sum to the
- * identity. */
 /* ---- derivative of a fine node's position (NUMERICS.md) */
 
 /* Compute (tr(S) I - S)^-1 of S = R'F. It is bounded in cubes that are nearly flat. */
@@ -514,6 +512,7 @@ void pliant_macro_weights(const pliant_system *system, const double *solved, int
         motion_by_turn(system, solved, cube, fine_node, frames + cube % LANES, entries, by_turn);
         add_turn(macros, cube, system->free_of_node, weight, by_turn, f, r, blocks);
     }
+    /* with constant rotation: R N R'; the N of free corners sum to the identity, so the center adds nothing */
     for (int32_t e = entries[0]; e < entries[1]; e++) {
         int32_t unknown = system->free_of_node[macros->node[macros->start[cube] + macros->entry_corner[cube][e]]];
         const float *n = macros->entry_shape[cube] + 9 * (size_t)e;

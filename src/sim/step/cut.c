@@ -34,8 +34,8 @@ typedef struct knife {
     pliant_tool *tool;
     pliant_tool_pose pose;     /* where the blade is in this step (pliant_blade_pose) */
     double min_edge, max_edge; /* smallest and largest voxel edge [m] */
-    /* Distance ahead of a blade in which tissue resists [m]: a voxel. Subdivision moves the ends of cuts by up to its
-     * minimum edge, so a shorter distance may contain no area. */
+    /* Distance ahead of a blade in which tissue resists [m]: a voxel, or two minimum edges of a subdivision, which moves
+     * the ends of cuts by up to one. */
     double ahead;
 } knife;
 
@@ -307,7 +307,9 @@ static bool move_edge_outside_tissue(const knife *work, bool *has_entered)
         if (edge->tet[p] >= 0) memcpy(edge->swept + 3 * p, edge->place + 3 * p, 3 * sizeof *edge->swept);
     pliant_blade_move_to_tissue(work->data, edge, 0.5 * work->min_edge);
     *has_entered = pliant_blade_num_inside(edge) > inside;
-    return part(work, edge->swept, edge->place, false);
+    if (!part(work, edge->swept, edge->place, false)) return false;
+    charge_pending(work);
+    return true;
 }
 
 /* Add the work of the blade's motion in the last step, from the forces at both ends of it. */
@@ -410,7 +412,7 @@ static bool is_paid(const knife *work, const resistance *ahead, double reach, co
                  work_if_slipping = gained - fmin(ahead->force * (uncut + step), ahead->energy),
                  waits =
                      gained + blade->stiffness * motion * step - fmin(ahead->force * (uncut + 2 * step), ahead->energy);
-    if (motion < 0.5 * reach || uncut + step == 0) return false; /* a slip would cut nothing */
+    if (motion < 0.5 * reach || uncut + step <= min_motion * work->min_edge) return false; /* a slip cuts nothing */
     return work_if_slipping + fmax(waits, work_if_slipping) >= 0 || motion >= 2 * reach;
 }
 
@@ -458,7 +460,7 @@ static void move_against_resistance(const knife *work, const double last[3], boo
     const int32_t inside = pliant_blade_num_inside(&blade->edge);
     if (ahead.force == 0 || inside == 0) {
         /* the step that leaves the tissue pays the account, and in air there is no force */
-        const bool has_left = ahead.force == 0 && inside == 0 && blade->engaged_length == 0;
+        const bool has_left = ahead.force == 0 && count_in_tissue(work) == 0 && blade->engaged_length == 0;
         if (blade->is_dragging && inside > 0) slip(work, last);
         else if (!blade->has_slipped || has_left) cut_freely(work);
         else set_free_tissue_force(work, 0, last);

@@ -3,7 +3,6 @@
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
-#include "contact/shapes/tool_shape.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
@@ -195,10 +194,10 @@ static double farthest_of(const pliant_data *data)
 static double bound_motion(const pliant_data *data)
 {
     const double maximum = 2 * pliant_contact_leg_distance(data);
-    bool pliant_legs_press = false;
-    for (int32_t p = 0; p < data->contacts.count && !pliant_legs_press; p++)
-        pliant_legs_press = !is_of_piece(data, data->contacts.point[p].node[0]);
-    const double farthest = pliant_legs_press ? farthest_of(data) : 0;
+    bool any = false;
+    for (int32_t p = 0; p < data->contacts.count && !any; p++)
+        any = !is_of_piece(data, data->contacts.point[p].node[0]);
+    const double farthest = any ? farthest_of(data) : 0;
     return farthest > maximum ? maximum / farthest : 1;
 }
 

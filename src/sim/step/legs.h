@@ -3,7 +3,7 @@
  * Each tool has two poses. The target pose is measured. The proxy pose is simulated, and contact happens at the
  * proxy. A virtual coupling pulls the proxy towards the target (proxy.h). A leg is one straight motion of all nodes,
  * together with all proxies. It has five parts:
- * 1. Choose the distance of the proxies in this leg: about half an element near tissue (choose_fraction, set_goals).
+ * 1. Choose the distance of the proxies in this leg: about half an element near tissue (leg_goals.c).
  * 2. Find contact points between the tissue and the parts of tools (pliant_contact_find_points).
  * 3. Solve for the new positions and the contact forces, upsample them, and solve the patches (step.c).
  * 4. Compute the largest fraction of the leg at which no surface enters the core of a part (pliant_contact_advance).
@@ -114,7 +114,7 @@ void pliant_legs_set_goals(const pliant_model *model, pliant_data *data, double 
 pliant_grasp_constraint *pliant_legs_grasp(const pliant_data *data, int tool);
 /* Save positions, grasp forces and pieces at the start of the leg. */
 pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data);
-/* Return whether fine nodes turn with coarse elements. Then they move on arcs. */
+/* Return whether fine nodes turn with coarse elements, and no patch moves them. Then they move on arcs. */
 bool pliant_legs_turn_nodes(const pliant_data *data);
 /* Return the largest fraction of the leg in which all elements keep their volume, if all nodes make this fraction on
  * straight lines. */

@@ -236,8 +236,6 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
 
 /* ---- explicit dynamics: contact points of the step, with mean forces */
 
-static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
-
 pliant_status pliant_legs_add_forces(pliant_data *data, double fraction)
 {
     pliant_legs *legs = data->legs;
@@ -277,7 +275,7 @@ static void place_at_tissue(const pliant_data *data, pliant_contact_point *point
 void pliant_legs_publish_forces(pliant_data *data)
 {
     pliant_legs *legs = data->legs;
-    if (!is_dynamic(data) || data->statistics.legs < 2) return;
+    if (!pliant_legs_are_dynamic(data) || data->statistics.legs < 2) return;
     int32_t n = 0;
     pliant_contacts_swap(&data->contacts, &legs->mean_points);
     const pliant_contacts *now = &legs->mean_points;
