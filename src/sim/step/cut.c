@@ -34,7 +34,7 @@ typedef struct knife {
     pliant_tool *tool;
     pliant_tool_pose pose;     /* where the blade is in this step (pliant_blade_pose) */
     double min_edge, max_edge; /* smallest and largest voxel edge [m] */
-    /* Distance ahead of a blade in which tissue resists [m]: a voxel, or two minimum edges of a subdivision, which moves
+    /* Distance ahead of a blade in which tissue resists [m]: a voxel, or two minimum edges of a subdivision. It moves
      * the ends of cuts by up to one. */
     double ahead;
 } knife;

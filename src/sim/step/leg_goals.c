@@ -11,8 +11,6 @@
 #include <math.h>
 #include <string.h>
 
-bool pliant_legs_are_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
-
 /* Explicit dynamics: return where a proxy goes, which is behind the target by the missing depth. The force of the
  * previous leg sets this depth. Shorten the motion as if the tissue's force changed with it; otherwise it overshoots
  * where the tissue is stiffer than the missing compliance. */

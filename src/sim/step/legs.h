@@ -90,8 +90,6 @@ pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data, boo
 void pliant_legs_set_goals_reached(pliant_data *data);
 
 /* ---- leg_goals.c: where proxies go in a leg */
-/* Return whether this is explicit dynamics, in which time passes. */
-bool pliant_legs_are_dynamic(const pliant_data *data);
 /* Return whether a tool has pressed tissue in the last leg. */
 bool pliant_legs_press(const pliant_data *data);
 /* Save the proxies' poses and loads at the start of a leg. Errors: MEMORY. */
@@ -110,6 +108,8 @@ void pliant_legs_set_goals(const pliant_model *model, pliant_data *data, double 
 
 /* ---- legs_state.c: save the start of a leg, and apply a fraction of the leg.
  * Errors: MEMORY; a backend that cannot continue from the new positions. */
+/* Return whether this is explicit dynamics, in which time passes. */
+bool pliant_legs_are_dynamic(const pliant_data *data);
 /* Return the grasp constraint of a tool, from its patch or from the model. Not in explicit dynamics. */
 pliant_grasp_constraint *pliant_legs_grasp(const pliant_data *data, int tool);
 /* Save positions, grasp forces and pieces at the start of the leg. */

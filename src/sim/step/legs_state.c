@@ -17,6 +17,8 @@
 #include <math.h>
 #include <string.h>
 
+bool pliant_legs_are_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
+
 pliant_grasp_constraint *pliant_legs_grasp(const pliant_data *data, int tool)
 {
     return pliant_patch_solver(data, tool)->grasps + tool;
