@@ -91,7 +91,7 @@ TEST(CudaContact, ManyPointsMeetTheCpu)
     for (const auto &of : many) {
         std::vector<double> forces[2], positions[2];
         double load[2];
-        for (int k = 0; k < 3; k++) { // the last run repeats the one on the GPU
+        for (int k = 0; k < 3; k++) { // the GPU runs twice
             Block flat(cases[0], k ? PLIANT_CUDA : PLIANT_CPU);
             flat.cells(of.cells[0], of.cells[1], 2, 1);
             flat.scene.solver.iterations = 40;

@@ -41,7 +41,7 @@ typedef struct gpu_contact_view {
 
 enum { CONTACT_PERSISTENT, CONTACT_RESULTS, CONTACT_EVALUATION_RESULTS, CONTACT_VIEW, CONTACT_BLOCKS };
 
-/* What this GPU offers to the solver of contact forces. */
+/* Resources of this GPU for the solver of contact forces. */
 typedef struct gpu_cone_limits {
     int32_t shared_bytes, /* shared memory of a block; 0: unknown yet */
         num_blocks,       /* that run at the same time */

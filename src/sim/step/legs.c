@@ -211,7 +211,7 @@ static pliant_status find_free_fraction(const pliant_model *model, pliant_data *
     return status;
 }
 
-/* Rigid pieces and nodes that turn with coarse elements move on arcs, so at a fraction of the leg they are not on the
+/* Rigid pieces and nodes that turn with coarse elements move on arcs. At a fraction of the leg they are not on the
  * checked straight lines. Check the state that was reached. If it is not free, halve the fraction up to three times,
  * and then use 0. */
 static pliant_status apply_checked_fraction(const pliant_model *model, pliant_data *data, double *fraction)
